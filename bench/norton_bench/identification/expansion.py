@@ -81,7 +81,7 @@ class Linearised:
         if joint_of(self.network.terms) is None:
             return composed
         nominal = np.concatenate([self.linear, self.waves])
-        return JointRegression.behind(composed, nominal).foreseen(self.shape)
+        return JointRegression.behind(composed, nominal)
 
     @property
     def waves(self) -> FloatArray:

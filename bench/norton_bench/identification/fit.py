@@ -140,9 +140,7 @@ def fit_with_terms(
         kept = tuple(each for each in kept if each.term.factor is not Factor.JOINT)
     solve_composed = solve_with_terms if joint_of((*kept, *terms)) is None else solve_behind
     solution, ground = solve_composed(near, (*kept, *terms), before.torque_bias_nm), before.ground
-    return result_of(
-        ground.stretches, solution, command_unit=command_unit, findings=findings, readings=ground.readings
-    )
+    return result_of(ground.stretches, solution, command_unit=command_unit, findings=findings, readings=ground.readings)
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:

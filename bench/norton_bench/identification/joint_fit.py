@@ -1,12 +1,11 @@
 """The search for a motor behind a joint: Gauss-Newton on all unknowns, begun where a rigid fit leaves the most.
 
-No initial guess: a few stiffnesses (and widths of play) over all that a bench can tell are tried on the seconds in which
-the rigid motor is off the most; from the best of them the search goes on over everything that is fitted.
+No initial guess: a few stiffnesses over all that a bench can tell are tried on the seconds in which the rigid motor is
+off the most; from the best of them the search goes on over everything that is fitted.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from norton_bench.identification.shape import INERTIA, LINEAR, SMALL, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import (
-    BACKLASH_WIDTH,
     JOINT_DAMPING,
     JOINT_STIFFNESS,
     OUTPUT_INERTIA,
@@ -45,10 +43,6 @@ from norton_bench.models.terms import (
 # the motor is felt, above them no reading of a bench feels the joint.
 JOINT_HZ = (1.0, 2000.0)
 START_HZ = (12.0, 30.0, 75.0, 190.0, 480.0)
-STIFF_HZ = (75.0, 190.0, 480.0)
-# From the play of a good gear to a worn one's [rad].
-WIDTH_RAD = (1e-5, 0.5)
-START_WIDTHS_RAD = (5e-4, 2e-3, 8e-3, 3e-2)
 # Of the motor's inertia, and of critical damping: what a search begins with.
 START_OUTPUT = 0.25
 START_RATIO = 0.1
@@ -160,8 +154,6 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
     plain = replace(_plain(near.regression), cogging=()).with_terms(terms, zero_nm, near.regression.middle_s)
     at = min((_first(plain, *each) for each in begins), key=lambda point: float(point.innovation @ point.innovation))
     at, _ = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
-    at = _first(plain, at.shape, at.linear[: len(LINEAR)])
-    at, _ = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
     at = _with_cogging(at)
     at, converged = _descend(at, most_steps=MOST_STEPS, within=CONVERGED_STEP)
     return at.solution(converged=converged)
@@ -205,7 +197,7 @@ def _plain(regression: Regression) -> Regression:
 def _first(plain: Regression, shape: Shape, linear: FloatArray) -> _Point:
     """The regression of a motor behind a joint at a first point, with the sensor's zero that suits it."""
     regression = JointRegression.behind(plain, np.zeros(len(LINEAR) + 2 * len(plain.cogging)))
-    regression = regression.linearised_at(linear).foreseen(shape)
+    regression = regression.linearised_at(linear)
     bias = regression.bias()
     left = regression.target() - regression.prediction(regression.model(shape))
     zero = np.linalg.lstsq(bias.T, left, rcond=1e-12)[0]
@@ -281,17 +273,14 @@ def _joint_starts(shape: Shape, linear: FloatArray) -> Iterator[tuple[Shape, Flo
     """The rigid motor's values, its inertia shared out between motor and output, and joints of some stiffnesses."""
     joint = joint_of(shape.terms)
     assert joint is not None
-    with_play = any(each.column == BACKLASH_WIDTH for each in joint.term.parameters)
     motor = linear.copy()
     motor[INERTIA] /= 1.0 + START_OUTPUT
-    widths = START_WIDTHS_RAD if with_play else (0.0,)
-    for frequency_hz, width_rad in product(STIFF_HZ if with_play else START_HZ, widths):
+    for frequency_hz in START_HZ:
         rate = 2 * np.pi * frequency_hz
         begun = {
             JOINT_STIFFNESS: rate**2,
             JOINT_DAMPING: 2 * START_RATIO * rate,
             OUTPUT_INERTIA: START_OUTPUT,
-            BACKLASH_WIDTH: width_rad,
         }
         values = tuple(begun[each.column] for each in joint.term.parameters)
         terms = tuple(replace(joint, values=values) if each is joint else each for each in shape.terms)
@@ -337,7 +326,6 @@ def _span(regression: Regression, shape: Shape, term: NetworkTerm, parameter: Te
         JOINT_STIFFNESS: (2 * float(np.log(rates[0])), 2 * float(np.log(rates[1]))),
         JOINT_DAMPING: (0.0, MOST_RATIO * critical),
         OUTPUT_INERTIA: (0.0, HEAVIEST_OUTPUT),
-        BACKLASH_WIDTH: (float(np.log(WIDTH_RAD[0])), float(np.log(WIDTH_RAD[1]))),
     }[parameter.column]
 
 

@@ -35,7 +35,6 @@ from norton_bench.identification.shape import (
 from norton_bench.identification.signals import FINE
 from norton_bench.models import joint_steps
 from norton_bench.models.terms import (
-    BACKLASH_WIDTH,
     DAMPING_DRIFT,
     FRICTION_DRIFT,
     GAIN_DRIFT,
@@ -51,13 +50,6 @@ STATE_STEP = 0.1
 # of the rotor's frequency ring no more.
 LEAST_WAVE = 0.02
 LEAST_DAMPING = 0.1
-# A play's width moves blows in time; between instants of the fine grid nothing is felt of that.
-WIDTH_STEP = 0.05
-# Readings that come once a tick do not resolve a blow, nor therefore where it throws the motor. Within so many ticks of
-# one, nothing is fitted that is off by so many times the usual mean square; unless less than a tenth would remain.
-BLOW_TICKS = 20
-UNFORESEEN = 4.0
-LEAST_FORESEEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -89,9 +81,7 @@ class Driven:
         """From what is behind the amplifier's lag, (n,), at instants (n,) from the middle of the session on."""
         if not any(each.term.in_time for each in shape.terms):
             return cls(lagged, np.ones((2, 1)))
-        gain, *others = (
-            drifted(shape.row, each, time_s) for each in (GAIN_DRIFT, FRICTION_DRIFT, DAMPING_DRIFT)
-        )
+        gain, *others = (drifted(shape.row, each, time_s) for each in (GAIN_DRIFT, FRICTION_DRIFT, DAMPING_DRIFT))
         return cls(lagged * gain, np.stack(others))
 
 
@@ -141,16 +131,6 @@ class JointRegression(Regression):
     def behind(cls, plain: Regression, nominal: FloatArray) -> "JointRegression":
         """``plain``, of a motor that shapes put behind a joint."""
         return cls(plain.rows, cogging=plain.cogging, scales=plain.scales, nominal=nominal)
-
-    def foreseen(self, shape: Shape) -> "JointRegression":
-        """The same without the instants at which no torque can be foretold with such a joint."""
-        model = self.model(shape)
-        joint = joint_of(shape.terms)
-        if joint is None or not model.joint[3]:
-            return self
-        rows = tuple(_foreseen(each, model) for each in self.rows)
-        left, before = (sum(each.usable.size for each in some) for some in (rows, self.rows))
-        return replace(self, rows=rows) if left > LEAST_FORESEEN * before else self
 
     def linearised_at(self, nominal: FloatArray) -> "JointRegression":
         """The same at other values of what is linear in the plain regression."""
@@ -227,10 +207,7 @@ class JointRegression(Regression):
             for parameter in each.term.parameters:
                 own = rate if parameter.column == JOINT_DAMPING and each is joint_of(shape.terms) else 1.0
                 scale = next(places)
-                if parameter.column == BACKLASH_WIDTH and each is joint_of(shape.terms):
-                    steps.append(WIDTH_STEP)
-                else:
-                    steps.append(SMALL if parameter.logarithmic else SMALL * scale * own)
+                steps.append(SMALL if parameter.logarithmic else SMALL * scale * own)
         return np.array(steps)
 
     def _step(self, model: JointModel, place: int) -> float:
@@ -244,12 +221,12 @@ class JointRegression(Regression):
         return SMALL * max(abs(value), least)
 
     def _begun(self) -> list[FloatArray]:
-        return [_begun(rows, rows.signals.path_rad) for rows in self.rows]
+        return [_begun(rows) for rows in self.rows]
 
     def _torques(self, model: JointModel, states: list[FloatArray], moved: float) -> list[FloatArray]:
         result = []
         for rows, begun in zip(self.rows, states, strict=True):
-            result.append(_torque(model, rows, rows.signals.path_rad, begun, moved))
+            result.append(_torque(model, rows, begun, moved))
         return result
 
     def _filtered(self, model: JointModel, torques: list[FloatArray], *, of_joint: bool = False) -> FloatArray:
@@ -262,29 +239,16 @@ class JointRegression(Regression):
         return self.chosen(parts)
 
 
-def _begun(rows: Rows, path_rad: FloatArray) -> FloatArray:
-    """Room for the motor's state at the beginning of a stretch, where it is as the port, and after each of its rests."""
+def _begun(rows: Rows) -> FloatArray:
+    """Room for the motor's state where a stretch begins, there that of the port, and after each of its rests."""
     states = np.zeros((1 + rows.signals.rests.size, 3))
+    path_rad = rows.signals.path_rad
     states[0] = path_rad[0], (path_rad[1] - path_rad[0]) * FINE / rows.signals.tick_s, 0.0
     return states
 
 
-def _torque(model: JointModel, rows: Rows, path_rad: FloatArray, begun: FloatArray, moved: float) -> FloatArray:
-    """τ_j along a path of one stretch, (n · FINE,)."""
+def _torque(model: JointModel, rows: Rows, begun: FloatArray, moved: float) -> FloatArray:
+    """τ_j along the path of one stretch, (n · FINE,)."""
     begins = np.concatenate([[0], rows.signals.rests * FINE]).astype(np.int64)
     driven, step_s = Driven.of(rows, model.shape), rows.signals.tick_s / FINE
-    return np.asarray(model.torque(driven, path_rad, step_s, begins, begun, moved)[0])
-
-
-def _foreseen(rows: Rows, model: JointModel) -> Rows:
-    """Without instants near blows at which the torque is not as foretold."""
-    signals, delay_s = rows.signals, model.shape.motion_delay_s
-    torque = _torque(model, rows, signals.path_rad, _begun(rows, signals.path_rad), 0.0)
-    port = rows.of_fine_signal(torque, (0,), delay_s)[0] - model.joint[2] * rows.kinematics(model.shape)[1]
-    off = rows.torque() - port
-    near = np.ones(2 * BLOW_TICKS + 1)
-    square = np.convolve((off - np.median(off[rows.usable])) ** 2, near / near.size, "same")
-    blows = np.zeros(off.size)
-    blows[(np.flatnonzero(np.diff(torque != 0.0)) // FINE)] = 1.0
-    unknown = (np.convolve(blows, near, "same") > 0.5) & (square > UNFORESEEN * np.median(square[rows.usable]))
-    return replace(rows, signals=replace(signals, usable=signals.usable & ~unknown))
+    return np.asarray(model.torque(driven, rows.signals.path_rad, step_s, begins, begun, moved)[0])

@@ -152,6 +152,8 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     if first.kind.name not in TERM_BY_NAME:
         return None
     term = TERM_BY_NAME[first.kind.name]
+    if not term.fitted:
+        return None
     # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
     if term.factor is not Factor.JOINT and (fitted.simulated is None or fitted.doubtful):
         return None

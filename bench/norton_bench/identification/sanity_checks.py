@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.separable import DELAY_TICKS, Solution, linear_solution
-from norton_bench.identification.shape import GAIN, INERTIA, LINEAR, VISCOUS
+from norton_bench.identification.shape import GAIN, INERTIA, LINEAR
 from norton_bench.models.parameters import Status
 
 BLOCK_ROWS = 500

@@ -23,8 +23,15 @@ from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models import network_steps
-from norton_bench.models.joint_steps import LIGHTEST_OUTPUT
-from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, OUTPUT_INERTIA, Factor
+from norton_bench.models.terms import (
+    DAMPING_DRIFT,
+    DRAG,
+    FRICTION_DRIFT,
+    GAIN_DRIFT,
+    LIGHTEST_OUTPUT,
+    OUTPUT_INERTIA,
+    Factor,
+)
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -288,7 +295,8 @@ class SimulatedStretch:
         states[0] = path[0], self.motion(read_s[0], 1), 0.0
         driven = Driven.after(lag, self.time_s - regression.rows[0].middle_s, shape)
         model = regression.model(shape)
-        return model.torque(driven, path, self.stretch.tick_s / FINE, np.zeros(1, dtype=np.int64), states, 0.0)[0]
+        begins = np.zeros(1, dtype=np.int64)
+        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0)[0])
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:

@@ -14,18 +14,17 @@ from numba import njit
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.models.network_steps import dahl_flow, damping, driving, strength
+from norton_bench.models.terms import LIGHTEST_OUTPUT
 
 # Of an integration: its steps times the fastest rate. The error of a frequency is a 120th of its fourth power, 2e-4.
 RATE_STEP = 0.4
-# A share of the motor's inertia. A lighter output follows the joint at once; it is moved as if it had this much.
-LIGHTEST_OUTPUT = 1e-3
 # torque gain, bandwidth, inertia, viscous damping, s = σ0/τc, σ0, σ1, as network_steps.free_motion has them
 MotorValues = tuple[float, float, float, float, float, float, float]
 # k [N m/rad], d [N m s/rad], J [kg m²], half of the play [rad]
 JointValues = tuple[float, float, float, float]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     """τ_j [N m] of a joint deflected by ``deflection`` [rad], which changes at ``rate`` [rad/s]."""
     stiffness, damper, _, half = joint
@@ -35,7 +34,7 @@ def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     return stiffness * beyond + damper * rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def own_torque(
     motor: MotorValues,
     row: FloatArray,
@@ -61,16 +60,22 @@ def own_torque(
     return driving(row, waves, drive, torque_gain, angle) - damped - held
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def contact_after(
-    motor: MotorValues, row: FloatArray, way: float, phi: float, velocity: float, angle: float, joint_nm: float,
+    motor: MotorValues,
+    row: FloatArray,
+    way: float,
+    phi: float,
+    velocity: float,
+    angle: float,
+    joint_nm: float,
     drift: float,
 ) -> float:
     """The Dahl state after ``way`` [rad]."""
     return dahl_flow(phi, way, motor[4] / (strength(row, velocity, angle, joint_nm) * drift))  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def fastest_rate(motor: MotorValues, joint: JointValues) -> float:
     """Of the rotor on its contact and on its joint [1/s]."""
     _, _, inertia, viscous, _, sigma_0, sigma_1 = motor
@@ -99,64 +104,71 @@ def behind(
     first row is where it begins. With ``moved`` other than zero they are taken from there, the Dahl state ``moved``
     further: what comes of a state that nobody knows.
     """
-    count, event = position.size, 0
+    count, event, many = position.size, 0, drifts.shape[1] > 1
     output = np.empty((2, count))
     substeps = max(1, ceil(step_s * fastest_rate(motor, joint) / RATE_STEP))
-    h = step_s / substeps
-    inertia, many = motor[2], drifts.shape[1] > 1
-    angle, velocity, phi = states[0]
+    state, speed = states[0].copy(), _slope(position, 0, step_s)
     for k in range(count):
-        speed = _slope(position, k, step_s)
         if event < begins.size and begins[event] == k:
             if moved != 0.0:
-                angle, velocity, phi = states[event, 0], states[event, 1], states[event, 2] + moved
+                state[:] = states[event]
+                state[2] += moved
             else:
-                states[event, 0], states[event, 1], states[event, 2] = angle, velocity, phi
+                states[event] = state
             event += 1
-        output[0, k] = joint_torque(joint, angle - position[k], velocity - speed)
-        output[1, k] = velocity
+        output[0, k] = joint_torque(joint, state[0] - position[k], state[1] - speed)
+        output[1, k] = state[1]
         if k == count - 1:
             break
-        after = _slope(position, k + 1, step_s)
-        drift = (drifts[0, k if many else 0], drifts[1, k if many else 0])
+        after, drift = _slope(position, k + 1, step_s), drifts[:, k if many else 0]
         for part in range(substeps):
             later = min(max(part + 1.0 - 0.5 * substeps, 0.0), 1.0)
             push = (1.0 - later) * drive[k] + later * drive[k + 1]
-            first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
-            v2, v3, v4 = velocity, velocity, velocity
-            for stage in range(4):
-                share = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
-                at, rate = _between(position, k, step_s, speed, after, (part + share) / substeps)
-                if stage == 0:
-                    way, v = 0.0, velocity
-                elif stage == 1:
-                    way, v2 = 0.5 * h * velocity, velocity + 0.5 * h * first
-                    v = v2
-                elif stage == 2:
-                    way, v3 = 0.5 * h * v2, velocity + 0.5 * h * second
-                    v = v3
-                else:
-                    way, v4 = h * v3, velocity + h * third
-                    v = v4
-                carried = joint_torque(joint, angle + way - at, v - rate)
-                own = own_torque(motor, row, waves, push, angle + way, v, way, phi, carried, drift)
-                acceleration = (own - carried) / inertia
-                if stage == 0:
-                    first = acceleration
-                elif stage == 1:
-                    second = acceleration
-                elif stage == 2:
-                    third = acceleration
-                else:
-                    fourth = acceleration
-            way = h / 6.0 * (velocity + 2.0 * v2 + 2.0 * v3 + v4)
-            phi = contact_after(motor, row, way, phi, v2, angle, carried, drift[0])
-            angle += way
-            velocity += h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
+            port = (position[k], position[k + 1] - position[k], speed, after)
+            _carry_on(state, port, (part, substeps), step_s, push, motor, joint, row, waves, (drift[0], drift[1]))
+        speed = after
     return output
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
+def _carry_on(
+    state: FloatArray,
+    port: tuple[float, float, float, float],
+    share: tuple[int, int],
+    step_s: float,
+    push: float,
+    motor: MotorValues,
+    joint: JointValues,
+    row: FloatArray,
+    waves: FloatArray,
+    drifts: tuple[float, float],
+) -> None:
+    """Angle, velocity and Dahl state of the motor after one of so many parts (``share``) of a step of the port."""
+    angle, velocity, phi = state
+    part, parts = share
+    h = step_s / parts
+    way, v, carried, total_way, total = 0.0, velocity, 0.0, 0.0, 0.0
+    middle = velocity
+    for stage in range(4):
+        far = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+        weight = 1.0 if stage in (0, 3) else 2.0
+        at, rate = _between(port, step_s, (part + far) / parts)
+        carried = joint_torque(joint, angle + way - at, v - rate)
+        own = own_torque(motor, row, waves, push, angle + way, v, way, phi, carried, drifts)
+        acceleration = (own - carried) / motor[2]
+        total_way += weight * v
+        total += weight * acceleration
+        if stage == 1:
+            middle = v
+        onward = h if stage == 2 else 0.5 * h
+        way, v = onward * v, velocity + onward * acceleration
+    way = h / 6.0 * total_way
+    state[2] = contact_after(motor, row, way, phi, middle, angle, carried, drifts[0])
+    state[0] = angle + way
+    state[1] = velocity + h / 6.0 * total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _slope(position: FloatArray, k: int, step_s: float) -> float:
     """The velocity at a sample [rad/s], of a cubic through its neighbours."""
     last = position.size - 1
@@ -167,15 +179,14 @@ def _slope(position: FloatArray, k: int, step_s: float) -> float:
     return float((position[high] - position[low]) / (max(high - low, 1) * step_s))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _between(
-    position: FloatArray, k: int, step_s: float, speed: float, after: float, share: float
-) -> tuple[float, float]:
-    """Angle and velocity a ``share`` of a step after sample k, on the cubic with these velocities at its ends."""
-    way = position[k + 1] - position[k]
+@njit(cache=True, nogil=True, error_model="numpy")
+def _between(port: tuple[float, float, float, float], step_s: float, share: float) -> tuple[float, float]:
+    """Angle and velocity a ``share`` of a step after a sample: ``port`` is the angle there, the way to the next sample,
+    and the velocities at both, of the cubic through them."""
+    begin, way, speed, after = port
     a, b = speed * step_s - way, way - after * step_s
     rest = 1.0 - share
-    angle = position[k] + share * way + share * rest * (a * rest + b * share)
+    angle = begin + share * way + share * rest * (a * rest + b * share)
     velocity = way + (1.0 - 2.0 * share) * (a * rest + b * share) + share * rest * (b - a)
     return angle, velocity / step_s
 
@@ -239,7 +250,7 @@ def free_motion(
     return motion
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _weighed(rates: FloatArray) -> float:
     """The mean of the four stages of a step, which stand from 1 on."""
     return float((rates[1] + 2.0 * rates[2] + 2.0 * rates[3] + rates[4]) / 6.0)

@@ -51,7 +51,8 @@ class Term:
     """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat p times a turn.
 
     ``excitation`` says what motion or command tells its parameters. A term ``in_time`` is of the session that was
-    fitted, with t = 0 in its middle: predictions are for then.
+    fitted, with t = 0 in its middle: predictions are for then. What is not ``fitted`` a network may have, but no fit
+    finds its values.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Term:
     parameters: tuple[TermParameter, ...]
     periodic: bool = False
     in_time: bool = False
+    fitted: bool = True
 
 
 # Columns of a row of factors. The periods have a column of their own beside the cosine's and the sine's.
@@ -72,6 +74,8 @@ JOINT_STIFFNESS, JOINT_DAMPING, OUTPUT_INERTIA, BACKLASH_WIDTH = range(18, 22)
 COLUMNS = 22
 # A contact without any strength has no equation; no friction that is asked for comes near to it.
 LEAST_STRENGTH = 0.02
+# Of the motor's inertia. A lighter output follows its joint at once; it is moved as if it had this much.
+LIGHTEST_OUTPUT = 1e-3
 PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
 # All over the motor's inertia: the square of the frequency at which it would swing on the joint, a rate, and a share.
 JOINT_PARAMETERS = (
@@ -212,6 +216,7 @@ TERMS = (
             TermParameter("backlash_width", "w", "rad", "play between the two ends of the joint", BACKLASH_WIDTH,
                           logarithmic=True),
         ),
+        fitted=False,
     ),
 )  # fmt: skip
 TERM_BY_NAME = {term.name: term for term in TERMS}
@@ -222,7 +227,7 @@ TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in 
 class NetworkTerm:
     """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none.
 
-    A network may have several of cogging, whose periods a turn need not be whole, one of each other term, and one joint.
+    A network may have several of cogging, whose periods a turn need not be whole, one of each other, and one joint.
     """
 
     name: str
