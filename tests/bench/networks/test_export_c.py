@@ -18,6 +18,7 @@ from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
 from tests.bench.networks.some import (
     ALL_TERMS,
+    JOINTS,
     MOTOR,
     MOTORS,
     PENDULUM,
@@ -72,6 +73,8 @@ NETWORKS = {
     "motor, Thevenin": converted(MOTOR, Kind.THEVENIN, Form.IMPEDANCE),
     "motor with all terms": ALL_TERMS,
     "motor with all terms, Thévenin": converted(ALL_TERMS, Kind.THEVENIN, Form.IMPEDANCE),
+    "motor behind a joint, with all terms": JOINTS["compliance with all"],
+    "motor behind play": JOINTS["backlash"],
     "motor with all terms, admittance": converted(ALL_TERMS, Kind.NORTON, Form.ADMITTANCE),
     "pneumatic": PNEUMATIC,
     "pendulum": PENDULUM,
@@ -124,7 +127,9 @@ def test_the_exported_c_answers_as_the_network_does(network, tmp_path):
     assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("motor", [MOTOR, *MOTORS.values(), ALL_TERMS], ids=["plain", *MOTORS, "all"])
+@pytest.mark.parametrize(
+    "motor", [MOTOR, *MOTORS.values(), ALL_TERMS, *JOINTS.values()], ids=["plain", *MOTORS, "all", *JOINTS]
+)
 def test_the_exported_motor_moves_freely_as_the_compiled_steps_do(motor, tmp_path):
     command = 0.06 * np.sin(2 * np.pi * 20 * TIME_S)
     network = converted(motor, Kind.THEVENIN, Form.ADMITTANCE)
