@@ -135,7 +135,9 @@ def test_the_exported_motor_moves_freely_as_the_compiled_steps_do(motor, tmp_pat
     network = converted(motor, Kind.THEVENIN, Form.ADMITTANCE)
     found = run_in_c(network, command[:, None], np.zeros((TICKS, 1)), tmp_path)
     expected = motor.free_motion(command, TICK_S, longest_step_s=2e-6)[0]
-    assert found == pytest.approx(expected, abs=(1e-4 if motor.terms else 1e-5) * np.abs(expected).max())
+    # Of a motor behind a joint the compiled steps are those that the joint needs, which are no finer.
+    share = 1e-5 if not motor.terms else (1e-4 if motor.joint is None else 2e-3)
+    assert found == pytest.approx(expected, abs=share * np.abs(expected).max())
 
 
 def test_names_that_c_cannot_have():
