@@ -11,7 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import separable
-from norton_bench.identification.joint_regression import JointModel, JointRegression
+from norton_bench.identification.joint_regression import STEP, JointModel, JointRegression
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.separable import (
     CONVERGED_STEP,
@@ -26,7 +26,7 @@ from norton_bench.identification.separable import (
     Solution,
     limits,
 )
-from norton_bench.identification.shape import INERTIA, LINEAR, SMALL, Shape
+from norton_bench.identification.shape import INERTIA, LINEAR, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import (
@@ -226,7 +226,7 @@ def _descend(at: _Point, *, most_steps: int, within: FloatArray, held: bool = Fa
 def _scales(regression: JointRegression, shape: Shape) -> FloatArray:
     """Of the terms' parameters: a change of a logarithm by one, or one that matters as much."""
     logarithmic = np.array([one.logarithmic for _, one in _parameters(shape)])
-    return np.where(logarithmic, 1.0, regression.steps(shape)[4:] / SMALL)
+    return np.where(logarithmic, 1.0, regression.steps(shape)[4:] / STEP)
 
 
 def _shortened(at: _Point, step: FloatArray, longest: FloatArray) -> float:

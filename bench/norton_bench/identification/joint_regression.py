@@ -26,7 +26,6 @@ from norton_bench.identification.shape import (
     GAIN,
     INERTIA,
     LINEAR,
-    SMALL,
     SMALL_S,
     VISCOUS,
     Shape,
@@ -44,6 +43,8 @@ from norton_bench.models.terms import (
     joint_values,
 )
 
+# Of differences that stand for slopes, relative. A resonance bends the torque over a larger share of the stiffness.
+STEP = 3e-3
 # Of the contact's deflection in full use: a difference in the friction's state.
 STATE_STEP = 0.1
 # What came out as nothing has no scale of its own: shares of the Coulomb torque, and of the damping that lets a contact
@@ -200,14 +201,14 @@ class JointRegression(Regression):
 
     def steps(self, shape: Shape) -> FloatArray:
         """Of differences that stand for slopes, in the order of the shape's unknowns, (unknowns,)."""
-        steps = [SMALL, SMALL, SMALL_S, SMALL_S]
+        steps = [STEP, STEP, SMALL_S, SMALL_S]
         places = iter(self.scales.tolist())
         rate = float(np.sqrt(shape.row[JOINT_STIFFNESS]))
         for each in shape.terms:
             for parameter in each.term.parameters:
                 own = rate if parameter.column == JOINT_DAMPING and each is joint_of(shape.terms) else 1.0
                 scale = next(places)
-                steps.append(SMALL if parameter.logarithmic else SMALL * scale * own)
+                steps.append(STEP if parameter.logarithmic else STEP * scale * own)
         return np.array(steps)
 
     def _step(self, model: JointModel, place: int) -> float:
@@ -218,7 +219,7 @@ class JointRegression(Regression):
             least = LEAST_WAVE * abs(linear[COULOMB])
         elif place in (VISCOUS, DAMPING):
             least = LEAST_DAMPING * float(np.sqrt(abs(linear[INERTIA] * linear[COULOMB]) * model.shape.s_per_rad))
-        return SMALL * max(abs(value), least)
+        return STEP * max(abs(value), least)
 
     def _begun(self) -> list[FloatArray]:
         return [_begun(rows) for rows in self.rows]

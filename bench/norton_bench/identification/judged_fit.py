@@ -146,7 +146,7 @@ def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
 
 def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     """The term for the departure that explains the most, with relative values to begin from; None where none is."""
-    if fitted.ground is None or not error.departures or any(not check.midway for check in fitted.failed_checks):
+    if fitted.ground is None or not error.departures:
         return None
     first = error.departures[0]
     if first.kind.name not in TERM_BY_NAME:
@@ -155,7 +155,8 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     if not term.fitted:
         return None
     # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
-    if term.factor is not Factor.JOINT and (fitted.simulated is None or fitted.doubtful):
+    wrong = fitted.simulated is None or fitted.doubtful
+    if wrong and (term.factor is not Factor.JOINT or any(not check.midway for check in fitted.failed_checks)):
         return None
     parameters = term.parameters
     begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0

@@ -116,6 +116,14 @@ def departed(a, departs, ia, wa, ta, port, time):
 
 
 @njit(cache=True)
+def motor_of(departs, tq, wq, ta, wa, port):
+    """What the motor carries, its own angle and velocity: those of the port where no spring is between."""
+    if departs[11] > 0.0:
+        return departs[11] * (tq - ta) + departs[12] * (wq - wa), tq, wq
+    return port, ta, wa
+
+
+@njit(cache=True)
 def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
     """One tick at a time; returns samples at the devices' phases and the true port torque."""
     ticks = command.size
@@ -148,28 +156,19 @@ def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command
             port = k * (ta - tl) + d * (wa - wl)
             ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
             il += (b[0] * cl - il) * (1 - np.exp(-b[1] * dt))
-            # The motor's own angle and velocity, and what it carries.
-            carried = port
-            if departs[11] > 0.0:
-                carried = departs[11] * (tq - ta) + departs[12] * (wq - wa)
-            else:
-                tq, wq = ta, wa
+            carried, tq, wq = motor_of(departs, tq, wq, ta, wa, port)
             bound, motor, viscous = departed(a, departs, ia, wq, tq, carried, (n + j / 100) * 1e-3)
             sa, sl = a[5] / bound, b[5] / b[4]
             # friction at the present velocity, σ1 taken implicitly
-            ra = a[6] * (1 - (fa / bound) * np.sign(wq))
-            rl = b[6] * (1 - (fl / b[4]) * np.sign(wl))
-            turned = motor - carried - fa - cogging * np.sin(42 * tq)
-            wq = (wq + dt * turned / a[2]) / (1 + dt * (viscous + ra) / a[2])
+            ra, rl = a[6] * (1 - (fa / bound) * np.sign(wq)), b[6] * (1 - (fl / b[4]) * np.sign(wl))
+            push = motor - carried - fa - cogging * np.sin(42 * tq)
+            wq = (wq + dt * push / a[2]) / (1 + dt * (viscous + ra) / a[2])
             wa = wa + dt * (carried - port) / departs[13] if departs[11] > 0.0 else wq
             wl = (wl + dt * (il + port - fl) / b[2]) / (1 + dt * (b[3] + rl) / b[2])
             da, dl = wq * dt, wl * dt
-            tq += da
-            ta += wa * dt
-            tl += dl
+            tq, ta, tl = tq + da, ta + wa * dt, tl + dl
             ea, el = np.exp(-sa * abs(da)), np.exp(-sl * abs(dl))
-            fa = np.sign(da) * bound * (1 - ea) + fa * ea
-            fl = np.sign(dl) * b[4] * (1 - el) + fl * el
+            fa, fl = np.sign(da) * bound * (1 - ea) + fa * ea, np.sign(dl) * b[4] * (1 - el) + fl * el
             if j == phases[0]:
                 out[n, 0] = ta
                 out[n, 4] = wa

@@ -33,7 +33,9 @@ def off(found, expected):
 
 
 def test_there_is_a_motor_for_every_term():
-    assert set(MOTORS) | (set(JOINTS) & set(TERM_BY_NAME)) == {name for name, term in TERM_BY_NAME.items() if not term.in_time}
+    assert set(MOTORS) | (set(JOINTS) & set(TERM_BY_NAME)) == {
+        name for name, term in TERM_BY_NAME.items() if not term.in_time
+    }
 
 
 def test_a_drift_is_of_its_session_and_in_no_equation():
