@@ -66,6 +66,8 @@ def _bounded(estimate: Estimate) -> Estimate:
 
 
 MOST_TERMS = 3
+# Behind a stiff spring a motor leaves what one behind play does: of the two, the first can be fitted.
+INSTEAD = {"backlash": "compliance"}
 # The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
 START_SHARE = 0.05
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
@@ -111,7 +113,8 @@ def _composed(before: JudgedFit, measured: Measured, *, command_unit: str, findi
     """The same with every term that the residual asks for, one after the other: the one that explains the most first.
 
     A term stays where the fit with it converges, is known to its sign, and predicts segments that were left out better;
-    then the residual is looked at again. Only what the table of terms has can be added.
+    then the residual is looked at again. Only what the table of terms has can be added. What is tried instead of
+    something that no fit finds stays only where it leaves nothing but noise.
     """
     for _ in range(MOST_TERMS):
         term = None if before.error is None else asked_for(before.error, before.fitted)
@@ -149,11 +152,10 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     if fitted.ground is None or not error.departures:
         return None
     first = error.departures[0]
-    if first.kind.name not in TERM_BY_NAME:
+    name = INSTEAD.get(first.kind.name, first.kind.name)
+    if name not in TERM_BY_NAME or any(each.name == name for each in fitted.network.terms):
         return None
-    term = TERM_BY_NAME[first.kind.name]
-    if not term.fitted:
-        return None
+    term = TERM_BY_NAME[name]
     # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
     wrong = fitted.simulated is None or fitted.doubtful
     if wrong and (term.factor is not Factor.JOINT or any(not check.midway for check in fitted.failed_checks)):
@@ -161,7 +163,7 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     parameters = term.parameters
     begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0
     values = tuple(1.0 if each.logarithmic else begin for each in parameters)
-    return NetworkTerm(first.kind.name, values, first.periods_per_turn)
+    return NetworkTerm(name, values, first.periods_per_turn)
 
 
 def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
@@ -172,6 +174,9 @@ def _better(after: JudgedFit, before: JudgedFit, name: str) -> bool:
     # A joint is there where its stiffness is known; its damping, or what turns beyond it, may be nothing.
     asked = [each.name for each in term.term.parameters if each.logarithmic or term.term.factor is not Factor.JOINT]
     known = all(after.fitted.estimate(parameter).status is Status.VALID for parameter in asked)
+    assert before.error is not None
+    if before.error.departures[0].kind.name != name and (after.error.departures or after.error.unexplained):
+        return False
     return known and after.fitted.torque_rms_nm < before.fitted.torque_rms_nm
 
 

@@ -51,8 +51,7 @@ class Term:
     """One line of the table. ``equation`` is for readers; ``periodic`` terms repeat p times a turn.
 
     ``excitation`` says what motion or command tells its parameters. A term ``in_time`` is of the session that was
-    fitted, with t = 0 in its middle: predictions are for then. What is not ``fitted`` a network may have, but no fit
-    finds its values.
+    fitted, with t = 0 in its middle: predictions are for then.
     """
 
     name: str
@@ -63,7 +62,6 @@ class Term:
     parameters: tuple[TermParameter, ...]
     periodic: bool = False
     in_time: bool = False
-    fitted: bool = True
 
 
 # Columns of a row of factors. The periods have a column of their own beside the cosine's and the sine's.
@@ -216,7 +214,6 @@ TERMS = (
             TermParameter("backlash_width", "w", "rad", "play between the two ends of the joint", BACKLASH_WIDTH,
                           logarithmic=True),
         ),
-        fitted=False,
     ),
 )  # fmt: skip
 TERM_BY_NAME = {term.name: term for term in TERMS}

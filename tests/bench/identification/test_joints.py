@@ -10,12 +10,13 @@ from norton_bench.identification import judged_fit
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
-from norton_bench.identification.judged_fit import asked_for, fit_judged
+from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged
 from norton_bench.identification.model_error import expanded, model_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.shape import GAIN
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
+from norton_bench.models.terms import NetworkTerm
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Departs
@@ -81,8 +82,12 @@ def error(result, experiment):
     return model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
 
 
+def departed(kind):
+    return Departure(kind, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
+
+
 def asked(fitted, error, kind):
-    return asked_for(replace(error, departures=(Departure(kind, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7)),)), fitted)
+    return asked_for(replace(error, departures=(departed(kind),)), fitted)
 
 
 def test_only_a_joint_may_be_why_a_rigid_motor_looks_as_if_it_changed(result, error):
@@ -95,5 +100,16 @@ def test_only_a_joint_may_be_why_a_rigid_motor_looks_as_if_it_changed(result, er
     assert asked(wrong, error, COMPLIANCE) is None
 
 
-def test_play_is_named_and_not_fitted(result, error):
-    assert asked(result, error, BACKLASH) is None
+def test_of_play_a_spring_is_tried_which_must_leave_nothing_but_noise(result, error):
+    """Behind play the torque of a spring is still off; beside a spring nothing is tried for play."""
+    term = asked(result, error, BACKLASH)
+    assert term.name == "compliance"
+    joint = NetworkTerm("compliance", (10.0, 4e-3, 1e-5))
+    sprung = replace(result, network=replace(result.network, terms=(joint,)))
+    assert asked(sprung, error, BACKLASH) is None
+    known = [replace(result.estimates[0], name=each) for each in joint.named()]
+    better = replace(sprung, torque_rms_nm=0.5 * result.torque_rms_nm, estimates=(*result.estimates, *known))
+    before = JudgedFit(result, result, (), (), None, replace(error, departures=(departed(BACKLASH),)))
+    clean_error = replace(error, departures=(), unexplained=False)
+    for left, kept in ((clean_error, True), (replace(clean_error, unexplained=True), False), (before.error, False)):
+        assert judged_fit._better(JudgedFit(better, better, (), (), None, left), before, "compliance") is kept

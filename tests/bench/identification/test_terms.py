@@ -110,17 +110,17 @@ def test_a_departure_asks_for_its_term_and_gets_it():
     assert told.error.departures == ()
 
 
-def test_what_the_table_does_not_have_is_not_asked_for(result, error_of_play):
-    assert asked_for(error_of_play, result) is None
+def test_what_the_table_does_not_have_is_not_asked_for(result, error_of_change):
+    assert asked_for(error_of_change, result) is None
 
 
 @pytest.fixture
-def error_of_play(result, experiment):
-    """A model error whose first departure is backlash, for which there is no term."""
-    from norton_bench.identification.departures import BACKLASH, Departure
+def error_of_change(result, experiment):
+    """A model error whose first departure is a change at an instant, for which there is no term."""
+    from norton_bench.identification.departures import CHANGE, Departure
     from norton_bench.identification.model_error import expanded, model_error
 
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
     error = model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
-    play = Departure(BACKLASH, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
-    return replace(error, departures=(play,))
+    change = Departure(CHANGE, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
+    return replace(error, departures=(change,))
