@@ -240,9 +240,7 @@ def compared(about: Outcome, rig: Rig, found: Result) -> Outcome:
 
 
 def _deviations_off(world: str, estimates: Sequence[Estimate], truth: Truth) -> dict[str, float]:
-    """Of each valid value with one true value, which plants behind something else do not have."""
-    if world in BEHIND:
-        return {}
+    """Of each valid value with one true value."""
     true = {name: value for name, (value, _) in true_parameters(truth).items() if name not in IN_TIME.get(world, ())}
     valid = [each for each in estimates if each.status is Status.VALID and each.name in true]
     return {each.name: (each.value - true[each.name]) / each.std for each in valid}
@@ -357,8 +355,7 @@ def figures(found: Sequence[Outcome]) -> dict[str, Any]:
     held = verdicts.share(ratios <= 1.0)
     named = verdicts.share(np.array([each.named[:1] == (each.true_cause,) for each in others], dtype=bool))
     quiet = verdicts.share(np.array([not each.named and not each.refused for each in control], dtype=bool))
-    motors = [each for each in others if each.world in DEPARTURES]
-    right = verdicts.share(np.array([each.right_term for each in motors], dtype=bool))
+    right = verdicts.share(np.array([each.right_term for each in others], dtype=bool))
     lean = verdicts.share(np.array([not each.superfluous_term for each in found], dtype=bool))
     off = np.array([value for each in found for value in each.deviations_off.values()])
     covered = verdicts.share(np.abs(off) <= HALF_INTERVAL)
@@ -379,7 +376,7 @@ def figures(found: Sequence[Outcome]) -> dict[str, Any]:
         "covered_reached": covered.within(*COVERED, off.size),
         "right_term": right.value,
         "right_term_interval": right.interval,
-        "right_term_reached": right.within(RIGHT, 1.0, len(motors)),
+        "right_term_reached": right.within(RIGHT, 1.0, len(others)),
         "no_superfluous_term": lean.value,
         "no_superfluous_term_interval": lean.interval,
         "no_superfluous_term_reached": lean.within(LEAN, 1.0, len(found)),

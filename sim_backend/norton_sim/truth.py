@@ -173,7 +173,9 @@ def true_parameters(
     """The actuator's true parameters, ``{name: (value, unit)}``: for the motor under the identifier's names."""
     if not isinstance(truth.actuator, MotorTruth):
         gain = ("amplifier_gain", (truth.actuator.amplifier_gain, f"A/({command_unit})"))
-        return dict([*_quantities(truth.actuator), gain, *_of_modulator(truth.modulator, modulation_unit)])
+        identified = _named(_of_motor_behind(truth.actuator), command_unit)
+        own = dict([*_quantities(truth.actuator), gain, *_of_modulator(truth.modulator, modulation_unit)])
+        return {**own, **identified}
     motor = truth.actuator.motor
     values = {
         "torque_gain": motor.Km * motor.Ka,
@@ -187,9 +189,37 @@ def true_parameters(
         "amplifier_gain": motor.Ka,
     }
     values |= _of_departures(truth.actuator, values)
+    return {**_named(values, command_unit), **_hanging(truth)}
+
+
+def _named(values: Mapping[str, float], command_unit: str) -> dict[str, tuple[float, str]]:
+    """With the units of the identifier's own tables."""
     table = BY_NAME | TERM_PARAMETERS
-    named = {name: (value, table[name].unit_for(command_unit)) for name, value in values.items()}
-    return {**named, **_hanging(truth)}
+    return {name: (value, table[name].unit_for(command_unit)) for name, value in values.items()}
+
+
+def _of_motor_behind(actuator: Assembled) -> dict[str, float]:
+    """Under the identifier's names, a torque motor behind a joint: what its network is with that term. Nothing of an
+    actuator whose command is an angle, or whose joint is no spring of the table of terms."""
+    if not isinstance(actuator, (GearTrainTruth, SeriesElasticTruth)) or actuator.servo is not None:
+        return {}
+    motor, joint = actuator.motor, actuator.connection
+    values = {
+        "torque_gain": motor.torque_constant_nm_a * actuator.amplifier_gain,
+        "inertia": motor.inertia_kg_m2,
+        "viscous_damping": motor.viscous_damping_nm_s_rad,
+        "coulomb_torque": motor.coulomb_torque_nm,
+        "presliding_stiffness": motor.presliding_stiffness_nm_rad,
+        "presliding_damping": motor.presliding_damping_nm_s_rad,
+        "torque_constant": motor.torque_constant_nm_a,
+        "joint_stiffness": joint.stiffness_nm_rad,
+        "joint_damping": joint.damping_nm_s_rad,
+        "output_inertia": actuator.output.inertia_kg_m2,
+    }
+    if isinstance(actuator, GearTrainTruth):
+        values |= {"backlash_width": actuator.backlash.width_rad}
+        values |= {"load_friction": actuator.load_friction} if actuator.load_friction else {}
+    return values
 
 
 def _of_departures(actuator: MotorTruth, motor: Mapping[str, float]) -> dict[str, float]:

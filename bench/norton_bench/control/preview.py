@@ -70,7 +70,7 @@ def with_preview(
 def _start(network: NortonNetwork, tick_s: float, position_rad: float, velocity_rad_s: float, command: float) -> _Start:
     """The state to begin at: friction holds what the motor exerts beyond the damping, as far as it can."""
     motor_nm = network.torque_gain * command
-    exerted = network.torque(np.full(3, command), np.full(3, position_rad), tick_s, motor_torque_nm=motor_nm)[0]
+    exerted = network.rigid.torque(np.full(3, command), np.full(3, position_rad), tick_s, motor_torque_nm=motor_nm)[0]
     least, most = -held_nm(network, -1.0), held_nm(network, 1.0)
     return {
         "position_rad": position_rad,
@@ -141,7 +141,7 @@ def expected_error_nm(
         motion = np.stack([acceleration_rad_s2, velocity_rad_s, side])
         # What moves it freely is what its inertia and its friction take.
         friction = np.where(velocity_rad_s == 0.0, network.coulomb_torque_nm, resistance_nm(network, velocity_rad_s))
-        drive = network.inertia_kgm2 * acceleration_rad_s2 + friction
+        drive = network.rigid.inertia_kgm2 * acceleration_rad_s2 + friction
         columns = np.concatenate([[drive / network.torque_gain], -motion])
         variance += np.einsum("it,ij,jt->t", columns, _covariance(network), columns)
     return np.asarray(side * np.sqrt(np.maximum(variance, 0.0)))

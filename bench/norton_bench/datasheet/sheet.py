@@ -12,7 +12,7 @@ from norton_bench.models.derived import Figure, Interval, OperatingPoint, derive
 from norton_bench.models.drawn_motor import MEAN_TERMS, has_covariance
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
-from norton_bench.models.terms import NetworkTerm, factors_of
+from norton_bench.models.terms import Factor, NetworkTerm, factors_of
 from norton_bench.networks.family import Network
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
@@ -157,6 +157,8 @@ def _terms(network: NortonNetwork) -> tuple[str, ...]:
 
 
 def _figures_of(term: NetworkTerm) -> str:
+    if term.term.factor is Factor.JOINT:
+        return "those of the motor, without what is beyond the joint"
     if term.term.in_time:
         return "those in the middle of the session"
     return "the mean over a turn" if term.term.periodic else "the mean over both directions"

@@ -16,10 +16,11 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.distributions import t_quantile
+from norton_bench.identification.joint_fit import solve_again
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import nominal_period_s, resolution_rad, sampled_at_s
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.separable import Solution, solve_again
+from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
     Signals,
     TimeSeries,

@@ -15,6 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.fit import KNOWN, PHYSICAL
+from norton_bench.identification.joint_regression import JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
@@ -22,7 +23,7 @@ from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import waves_of
+from norton_bench.models.terms import joint_of, waves_of
 
 # What nothing has told of yet is known to about this: the box that the fit searches is as wide.
 VAGUE_RELATIVE = 3.0
@@ -74,7 +75,11 @@ class Linearised:
     def regression(self, stretches: Sequence[Signals]) -> Regression:
         """Of these stretches, in this band, with this cogging and these terms."""
         regression = Regression.of(tuple(stretches), self.band, cogging=self.cogging)
-        return regression.with_terms(self.network.relative_terms, self.zero_nm, self.middle_s)
+        composed = regression.with_terms(self.network.relative_terms, self.zero_nm, self.middle_s)
+        if joint_of(self.network.terms) is None:
+            return composed
+        nominal = np.concatenate([self.linear, self.waves])
+        return JointRegression.behind(composed, nominal)
 
     @property
     def waves(self) -> FloatArray:
@@ -258,9 +263,9 @@ class Expansion:
         knots_s = np.linspace(np.min(time_s[:count]), np.max(time_s[:count]), len(columns) - first)
         # Over the fitted time alone, the outermost held on beyond it: what no fit has seen tells nothing of the zero.
         columns[first:] = [np.interp(time_s, knots_s, one) for one in np.eye(knots_s.size)]
+        velocity, acceleration = regression.chosen([rows.kinematics(at.shape) for rows in regression.rows])
         noise = np.array([rows.noise() for rows in regression.rows])
         weights = [rows.usable.size for rows in regression.rows]
-        carried = np.array([1.0, at.linear[INERTIA] ** 2, at.linear[VISCOUS] ** 2])
         return cls(
             residual=memory.taken_off(regression.target() - predicted),
             jacobian=memory.taken_off(np.concatenate([columns, slopes])),
@@ -268,10 +273,10 @@ class Expansion:
             terms=tuple(term.name for term in at.network.terms),
             basis=slice(first, len(columns)),
             memory=memory,
-            motor_nm=at.linear[GAIN] * columns[GAIN],
+            motor_nm=at.linear[GAIN] * regression.chosen([rows.lag(at.shape) for rows in regression.rows]),
             predicted_nm=predicted,
-            velocity_rad_s=-columns[VISCOUS],
-            acceleration_rad_s2=-columns[INERTIA],
+            velocity_rad_s=velocity,
+            acceleration_rad_s2=acceleration,
             friction=-columns[COULOMB],
             position_rad=regression.chosen([rows.position(at.shape)[0] for rows in regression.rows]),
             time_s=time_s,
@@ -279,9 +284,9 @@ class Expansion:
             fitted=np.arange(predicted.size) < count,
             drifted_nm=predicted - _without_drift(regression, at, predicted),
             knots_s=knots_s,
-            noise_nm2=float(np.average(noise, axis=0, weights=weights) @ carried),
+            noise_nm2=float(np.average(noise, axis=0, weights=weights) @ regression.carried(at.linear)),
             unknown_nm2=_unknown(slopes[2:4], fitted[0].tick_s, at.band)
-            + _within_counts(at, -columns[COULOMB], -columns[VISCOUS], max(each.count_rad for each in fitted)),
+            + _within_counts(at, -columns[COULOMB], velocity, max(each.count_rad for each in fitted)),
         )
 
     @property

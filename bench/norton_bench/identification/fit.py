@@ -14,8 +14,10 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.current import fit_current
+from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.results import (
     FitResult,
+    Ground,
     SensorZero,
     Simulated,
     loose_directions,
@@ -39,7 +41,7 @@ from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import Factor, NetworkTerm, joint_of
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -128,21 +130,24 @@ def solution_of(
 def fit_with_terms(
     before: FitResult, terms: Sequence[NetworkTerm], *, command_unit: str, findings: Findings = NOTHING_FOUND
 ) -> FitResult:
-    """The fit ``before``, whose deviations were simulated, with ``terms`` more: relative values, from which to begin.
+    """The fit ``before`` with ``terms`` more: relative values, from which to begin; a joint begins anywhere.
 
-    The terms that it has already go on from where they are. Raises ValueError where nothing was simulated.
+    The terms that it has already go on from where they are; one joint takes the place of another. Raises ValueError for
+    a fit that was made without the readings to simulate records by.
     """
-    if before.simulated is None:
+    if before.ground is None:
         raise ValueError("terms are added to a fit whose deviations come from simulated records")
-    bench = before.simulated.bench
-    stretches = tuple(truth.stretch for truth in bench.truths)
-    solution = solution_with(bench.solution, (*bench.solution.shape.terms, *terms))
-    return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=bench.readings)
+    ground, kept = before.ground, before.ground.solution.shape.terms
+    if joint_of(terms) is not None:
+        kept = tuple(each for each in kept if each.term.factor is not Factor.JOINT)
+    solution = solution_with(ground.solution, (*kept, *terms), before.torque_bias_nm)
+    return result_of(ground.stretches, solution, command_unit=command_unit, findings=findings, readings=ground.readings)
 
 
-def solution_with(plain: Solution, terms: Sequence[NetworkTerm]) -> Solution:
-    """The equation solved once more, with ``terms``: relative values, from which to begin."""
-    return solve_with_terms(plain, terms, _bias(plain))
+def solution_with(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -> Solution:
+    """The equation solved once more, with ``terms``: relative values, where to begin; ``zero_nm`` is the sensor's."""
+    solve_composed = solve_with_terms if joint_of(terms) is None else solve_behind
+    return solve_composed(near, terms, zero_nm)
 
 
 def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
@@ -249,10 +254,11 @@ def result_of(
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
         cogging=tuple(amplitude(each) for each in waves_found(solution, to_torque)),
-        torque_bias_nm=_bias(solution),
+        torque_bias_nm=bias_of(solution),
         middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
+        ground=None if readings is None else Ground(stretches, solution, readings),
         verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
         failed_checks=failed,
     )
@@ -324,7 +330,7 @@ def _relative(solution: Solution, values: FloatArray, covariance: FloatArray) ->
     return np.asarray(relative + 1e6 * np.outer(scaled, scaled))
 
 
-def _bias(solution: Solution) -> float:
+def bias_of(solution: Solution) -> float:
     """The mean of the bias's basis functions, which follow the linear unknowns and the pairs of the cogging."""
     return 0.0 if solution.free_motion else float(np.mean(solution.linear[5 + 2 * len(solution.regression.cogging) :]))
 

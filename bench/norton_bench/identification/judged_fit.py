@@ -23,7 +23,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, Factor, NetworkTerm
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -66,6 +66,8 @@ def _bounded(estimate: Estimate) -> Estimate:
 
 
 MOST_TERMS = 3
+# Behind a stiff spring a motor leaves what one behind play does: of the two, the first can be fitted.
+INSTEAD = {"backlash": "compliance"}
 # The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
 START_SHARE = 0.05
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."
@@ -122,7 +124,8 @@ def composed(
 
     The residual asks for a term where that explains what is left of every segment from the others (``departures``). It
     stays where the fit with it converges, its values are known, and less of the torque is left; then the residual is
-    looked at again. Only what the table of terms has can be added, and of that what is ``allowed``.
+    looked at again. Only what the table of terms has can be added, and of that what is ``allowed``. What is tried
+    instead of something that no fit finds stays only where it leaves nothing but noise.
     """
     for _ in range(MOST_TERMS):
         term = None if before.error is None else asked_for(before.error, before.fitted)
@@ -157,24 +160,35 @@ def with_terms_named(result: FitResult, plain: FitResult) -> FitResult:
 
 def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     """The term for the departure that explains the most, with relative values to begin from; None where none is."""
-    if fitted.simulated is None or fitted.doubtful or not error.departures:
+    if fitted.ground is None or not error.departures:
         return None
     first = error.departures[0]
-    if first.kind.name not in TERM_BY_NAME:
+    name = INSTEAD.get(first.kind.name, first.kind.name)
+    if name not in TERM_BY_NAME or any(each.name == name for each in fitted.network.terms):
         return None
-    parameters = TERM_BY_NAME[first.kind.name].parameters
+    term = TERM_BY_NAME[name]
+    # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
+    wrong = fitted.simulated is None or fitted.doubtful
+    if wrong and (term.factor is not Factor.JOINT or any(not check.midway for check in fitted.failed_checks)):
+        return None
+    parameters = term.parameters
     begin = START_SHARE if any(each.logarithmic for each in parameters) else 0.0
     values = tuple(1.0 if each.logarithmic else begin for each in parameters)
-    return NetworkTerm(first.kind.name, values, first.periods_per_turn)
+    return NetworkTerm(name, values, first.periods_per_turn)
 
 
 def objection(after: JudgedFit, before: JudgedFit, asked: NetworkTerm) -> str:
     """Why the fit ``after`` with the term asked for is not to be preferred; empty where it is."""
     if not after.fitted.converged or after.fitted.doubtful or after.error is None:
         return "the fit with it does not converge"
-    names = [parameter.name for parameter in asked.term.parameters]
+    term = asked.term
+    # A joint is there where its stiffness is known; its damping, or what turns beyond it, may be nothing.
+    names = [each.name for each in term.parameters if each.logarithmic or term.factor is not Factor.JOINT]
     if any(after.fitted.estimate(name).status is not Status.VALID for name in names):
-        return f"its values are not known from this motion. They need {asked.term.excitation}"
+        return f"its values are not known from this motion. They need {term.excitation}"
+    asked_by = before.error.departures[0].kind.name if before.error is not None else term.name
+    if asked_by != term.name and (after.error.departures or after.error.unexplained):
+        return "more than noise is left with it"
     if after.fitted.torque_rms_nm >= before.fitted.torque_rms_nm:
         return "it leaves no less of the torque"
     return ""

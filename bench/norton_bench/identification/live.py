@@ -16,7 +16,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import Cleaned
-from norton_bench.identification.fit import KNOWN, PHYSICAL, physical, result_of, solution_of, solution_with
+from norton_bench.identification.fit import KNOWN, PHYSICAL, bias_of, physical, result_of, solution_of, solution_with
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import ModelError, judged_estimate
@@ -28,7 +28,7 @@ from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import TERM_BY_NAME, TERMS, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, TERMS, Factor, NetworkTerm
 from norton_bench.records import Measured, SegmentInfo, join
 from norton_bench.segments import Use
 
@@ -169,8 +169,8 @@ WINDOW_S = 180.0
 # Simulated records for the deviations: half of the final fit's, which widens them by a tenth (Student's t).
 DRAWS = 6
 SIGNIFICANT_BIAS = 2.0  # deviations
-# What changes with time is followed, not fitted.
-CONSTANT_TERMS = frozenset(term.name for term in TERMS if not term.in_time)
+# What changes with time is followed, not fitted. A joint takes longer to find than there is time between two fits.
+LIVE_TERMS = frozenset(term.name for term in TERMS if not term.in_time and term.factor is not Factor.JOINT)
 
 
 @dataclass(frozen=True)
@@ -295,14 +295,16 @@ class LiveIdentifier:
         if result.simulated is None or result.doubtful:
             return result
         plain = looked_at(result, stretches, (), cleaned.measured)
-        best = composed(plain, cleaned.measured, command_unit=unit, findings=findings, allowed=CONSTANT_TERMS)
+        best = composed(plain, cleaned.measured, command_unit=unit, findings=findings, allowed=LIVE_TERMS)
         self._terms = best.fitted.network.relative_terms
         if best.error is not None and not any(_in_time(each.kind.name) for each in best.error.departures):
             self._error = best.error
         return best.fitted
 
     def _with_terms(self, plain: Solution) -> Solution:
-        return solution_with(plain, self._terms) if self._terms and not plain.free_motion else plain
+        if not self._terms or plain.free_motion:
+            return plain
+        return solution_with(plain, self._terms, bias_of(plain))
 
     def _readings(self, measured: Measured, cleaned: Measured) -> Readings:
         calibrated = [segment.index for segment in measured.segments if segment.use is Use.CALIBRATE]

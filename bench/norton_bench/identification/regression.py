@@ -246,6 +246,10 @@ class Regression:
             total[INERTIA] += torque if self.free_motion else acceleration
         return total * self._white_energy
 
+    def carried(self, linear: FloatArray) -> FloatArray:
+        """By what the variances of Rows.noise() come into the torque at these linear unknowns, shape (3,)."""
+        return np.array([1.0, linear[INERTIA] ** 2, linear[VISCOUS] ** 2])
+
     def slope_contamination(self, linear: FloatArray) -> float:
         """The same of the change with d_m: noise in it makes d_m look better known than it is."""
         inertia, viscous = linear[INERTIA], linear[VISCOUS]

@@ -19,7 +19,8 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 
 if TYPE_CHECKING:
-    from norton_bench.identification.bootstrap import Simulation
+    from norton_bench.identification.bootstrap import Readings, Simulation
+    from norton_bench.identification.separable import Solution
 
 # A parameter takes part in a direction with at least this share of the greatest part.
 TAKES_PART = 0.3
@@ -175,6 +176,15 @@ class Simulated:
 
 
 @dataclass(frozen=True)
+class Ground:
+    """What a fit stands on, so that it can go on with other terms; ``readings`` are those to simulate records by."""
+
+    stretches: tuple[Signals, ...]
+    solution: "Solution"
+    readings: "Readings"
+
+
+@dataclass(frozen=True)
 class FitResult:
     """One fit of the Norton network.
 
@@ -197,6 +207,7 @@ class FitResult:
     cogging: tuple[Cogging, ...] = ()
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
+    ground: "Ground | None" = field(default=None, repr=False, compare=False)
     failed_checks: tuple[FailedCheck, ...] = ()  # what of the verdict makes estimates doubtful
     torque_zero: SensorZero | None = None  # the same as it drifts; None where no torque was fitted
     middle_s: float = 0.0  # of what was fitted, in time of Signals: when what changes with time has its values

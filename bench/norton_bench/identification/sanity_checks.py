@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.separable import DELAY_TICKS, Solution, linear_solution
-from norton_bench.identification.shape import GAIN, INERTIA, LINEAR, VISCOUS
+from norton_bench.identification.shape import GAIN, INERTIA, LINEAR
 from norton_bench.models.parameters import Status
 
 BLOCK_ROWS = 500
@@ -93,7 +93,7 @@ def loud(solution: Solution) -> npt.NDArray[np.bool_]:
     if solution.free_motion:
         return np.ones(count, dtype=bool)
     own = slice(len(LINEAR))
-    carried = np.array([1.0, solution.linear[INERTIA] ** 2, solution.linear[VISCOUS] ** 2])
+    carried = solution.regression.carried(solution.linear)
     noise = np.concatenate([np.full(rows.usable.size, rows.noise() @ carried) for rows in solution.regression.rows])
     beyond = (solution.linear[own] @ solution.regression.columns(solution.shape)[0][own]) ** 2 - noise
     return np.asarray(beyond[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS).mean(axis=1) > 0.0)

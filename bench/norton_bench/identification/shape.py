@@ -65,20 +65,20 @@ class Shape:
 
     def gain(self, lag: FloatArray, angle_rad: FloatArray, time_s: FloatArray) -> FloatArray:
         """g, where the command behind its ``lag`` acts."""
-        return np.asarray(network_steps.gains(self.row, lag, angle_rad) * self._drifted(GAIN_DRIFT, time_s))
+        return np.asarray(network_steps.gains(self.row, lag, angle_rad) * self.drifted(GAIN_DRIFT, time_s))
 
     def damping(self, velocity_rad_s: FloatArray, time_s: FloatArray) -> FloatArray:
         """b."""
-        return np.asarray(self._drifted(DAMPING_DRIFT, time_s) + self.row[DRAG] * np.abs(velocity_rad_s))
+        return np.asarray(self.drifted(DAMPING_DRIFT, time_s) + self.row[DRAG] * np.abs(velocity_rad_s))
 
     def strength(
         self, velocity_rad_s: FloatArray, angle_rad: FloatArray, port_nm: FloatArray, time_s: FloatArray
     ) -> FloatArray:
         """γ, while ``port_nm`` acts at the port."""
         strengths = network_steps.strengths(self.row, velocity_rad_s, angle_rad, port_nm)
-        return np.asarray(strengths * self._drifted(FRICTION_DRIFT, time_s))
+        return np.asarray(strengths * self.drifted(FRICTION_DRIFT, time_s))
 
-    def _drifted(self, column: int, time_s: FloatArray) -> FloatArray:
+    def drifted(self, column: int, time_s: FloatArray) -> FloatArray:
         """What changes with time; ``column`` is that of its first parameter."""
         return np.asarray(1.0 + self.row[column] * time_s + self.row[column + 1] * time_s**2)
 

@@ -16,12 +16,13 @@ from scipy.optimize import minimize
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
-from norton_bench.models.terms import Factor
+from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -229,6 +230,8 @@ class SimulatedStretch:
         finer_s = np.clip(finer_s, time_s[0], time_s[-1])
         at_s = finer_s[::FINER]
         path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
+        if isinstance(solution.regression, JointRegression):  # the motor behind it moves as it is driven
+            return cls(stretch, motion, time_s, -output_of(solution) * acceleration)
         strengths, middle_s = loops.EVEN, solution.regression.rows[0].middle_s
         if shape.changes(Factor.STRENGTH):
             port_nm = _port(stretch, solution, finer_s - shape.motion_delay_s)
@@ -246,7 +249,8 @@ class SimulatedStretch:
     def torque(self, solution: Solution, travel_s: FloatArray, coupling: Coupling | None) -> BSpline:
         """At the port, on the torque's clock, where each command travelled longer than usual by ``travel_s`` (m,)."""
         motor_nm = self.motor(solution, travel_s)
-        torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=True)
+        of_means = not isinstance(solution.regression, JointRegression)
+        torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=of_means)
         if coupling is not None:
             torque += self.quick(motor_nm, coupling, inertia_of(solution))
         return make_interp_spline(self.time_s, torque, k=3)
@@ -262,14 +266,26 @@ class SimulatedStretch:
         return make_interp_spline(self.time_s, self._rung(driving, coupling, inertia_of(solution)), k=3)
 
     def motor(self, solution: Solution, travel_s: FloatArray) -> FloatArray:
-        """Behind the amplifier's lag, (n,)."""
+        """What drives the output, behind the amplifier's lag and the joint if there is one, (n,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
+        if isinstance(solution.regression, JointRegression):
+            return self._of_joint(solution.regression, shape, lag)
         if shape.changes(Factor.GAIN):
             read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
             lag = lag * shape.gain(lag, self.motion(read_s), self.time_s - solution.regression.rows[0].middle_s)
         return np.asarray(solution.linear[GAIN] * lag)
+
+    def _of_joint(self, regression: JointRegression, shape: Shape, lag: FloatArray) -> FloatArray:
+        """The joint's torque where the motor is driven by ``lag``, (n,) each."""
+        read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
+        path, states = self.motion(read_s), np.zeros((1, 3))
+        states[0] = path[0], self.motion(read_s[0], 1), 0.0
+        driven = Driven.after(lag, self.time_s - regression.rows[0].middle_s, shape)
+        model = regression.model(shape)
+        begins = np.zeros(1, dtype=np.int64)
+        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0)[0])
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:
@@ -307,6 +323,16 @@ class SimulatedStretch:
 
 
 def inertia_of(solution: Solution) -> float:
+    """What turns at the actuator's end of the torque sensor [kg m²]."""
+    return output_of(solution) if isinstance(solution.regression, JointRegression) else motor_inertia(solution)
+
+
+def output_of(solution: Solution) -> float:
+    """What turns beyond the joint [kg m²]."""
+    return motor_inertia(solution) * max(float(solution.shape.row[OUTPUT_INERTIA]), LIGHTEST_OUTPUT)
+
+
+def motor_inertia(solution: Solution) -> float:
     return abs(float(solution.linear[INERTIA]))
 
 

@@ -7,13 +7,13 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.results import Cogging
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.shape import COULOMB, GAIN, MOTOR_VALUES, VISCOUS
+from norton_bench.identification.shape import COULOMB, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import NetworkTerm, Term
+from norton_bench.models.terms import Factor, NetworkTerm, Term
 
 # The linear unknowns that parameters of terms are relative to.
-TERM_BASE = {"coulomb_torque": COULOMB, "viscous_damping": VISCOUS}
+TERM_BASE = {"coulomb_torque": COULOMB, "viscous_damping": VISCOUS, "inertia": INERTIA}
 
 
 def terms_in_torque(solution: Solution, linear: FloatArray) -> tuple[FloatArray, list[tuple[int, float, float]]]:
@@ -65,12 +65,15 @@ def _known(term: Term, values: FloatArray, covariance: FloatArray) -> BoolArray:
     """Of each of a term's parameters, whether it is known to within LOOSE_BEYOND of its size.
 
     What cannot be nothing is asked alone. All others are asked together, by their mean square in deviations (Wald):
-    of a cosine and a sine, or of a drift and its rate, one may be nothing.
+    of a cosine and a sine, or of a drift and its rate, one may be nothing. So may a joint's damping, and the inertia
+    beyond it, which have nothing to do with each other.
     """
+    known = np.sqrt(np.diag(covariance)) <= LOOSE_BEYOND * np.abs(values)
+    if term.factor is Factor.JOINT:
+        return np.asarray(known)
     alone = np.array([each.logarithmic for each in term.parameters])
     together = ~alone
     score = values[together] @ np.linalg.solve(covariance[np.ix_(together, together)], values[together])
-    known = np.sqrt(np.diag(covariance)) <= LOOSE_BEYOND * np.abs(values)
     known[together] = score >= np.count_nonzero(together) / LOOSE_BEYOND**2
     return np.asarray(known)
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models.network_file import as_object, read_json, read_matrix, read_prediction, read_term
 from norton_bench.models.parameters import BY_NAME, PredictionError
 from norton_bench.models.terms import (
     ASYMMETRY,
@@ -27,9 +28,11 @@ from norton_bench.models.terms import (
     SATURATION,
     STRIBECK,
     STRIBECK_VELOCITY,
-    TERM_BY_NAME,
+    Factor,
     NetworkTerm,
     factors_of,
+    joint_of,
+    joint_values,
     row_of,
     waves_of,
 )
@@ -181,7 +184,35 @@ class NortonNetwork:
 
         phi = friction_torque_nm / self.presliding_stiffness_nm_rad
         held = np.ascontiguousarray(command, dtype=float)
-        motor = (
+        port = np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape))
+        start = np.array([position_rad, velocity_rad_s, motor_torque_nm, phi])
+        row, waves = self.row, waves_of(self.terms)
+        if self.joint is not None:
+            from norton_bench.models import joint_steps  # noqa: PLC0415  (compiled: slow to import)
+
+            motion = joint_steps.free_motion(held, port, tick_s, self._motor, self.joint, row, waves, start)
+            return motion[0], motion[1], motion[2]
+        substeps = ceil(tick_s / longest_step_s - 1e-9)
+        motion = network_steps.free_motion(held, port, tick_s, substeps, self._motor, row, waves, start)
+        return motion[0], motion[1], motion[2]
+
+    @property
+    def joint(self) -> tuple[float, float, float, float] | None:
+        """k [N m/rad], d [N m s/rad], J [kg m²] and half of the play [rad] of what is between motor and port."""
+        return None if joint_of(self.terms) is None else joint_values(self.row, self.inertia_kgm2)
+
+    @property
+    def rigid(self) -> "NortonNetwork":
+        """The same without what gives between motor and port: one inertia, there."""
+        if self.joint is None:
+            return self
+        kept = tuple(each for each in self.terms if each.term.factor is not Factor.JOINT)
+        return replace(self, inertia_kgm2=self.inertia_kgm2 + self.joint[2], terms=kept)
+
+    @property
+    def _motor(self) -> tuple[float, float, float, float, float, float, float]:
+        """As the compiled integrations take it."""
+        return (
             self.torque_gain,
             self.amplifier_bandwidth_rad_s,
             self.inertia_kgm2,
@@ -190,17 +221,6 @@ class NortonNetwork:
             self.presliding_stiffness_nm_rad,
             self.presliding_damping_nms_rad,
         )
-        motion = network_steps.free_motion(
-            held,
-            np.ascontiguousarray(np.broadcast_to(np.asarray(port_torque_nm, dtype=float), held.shape)),
-            tick_s,
-            ceil(tick_s / longest_step_s - 1e-9),
-            motor,
-            self.row,
-            waves_of(self.terms),
-            np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),
-        )
-        return motion[0], motion[1], motion[2]
 
     def torque(
         self,
@@ -222,6 +242,8 @@ class NortonNetwork:
         decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
         lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
         row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
+        if self.joint is not None:
+            return self._torque_behind(self.joint, held, position, tick_s, motor_torque_nm, friction_torque_nm)
         velocity = np.gradient(position, tick_s)
         known = self.torque_gain * network_steps.gains(row, lagged, position) * lagged
         known -= self.inertia_kgm2 * _second_difference(position, tick_s)
@@ -235,6 +257,35 @@ class NortonNetwork:
             torque = known - self.presliding_stiffness_nm_rad * phi
             torque -= self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
         return np.asarray(torque)
+
+    def _torque_behind(
+        self,
+        joint: tuple[float, float, float, float],
+        held: FloatArray,
+        position: FloatArray,
+        tick_s: float,
+        motor_torque_nm: float,
+        friction_torque_nm: float,
+    ) -> FloatArray:
+        """The impedance behind a joint. The motor begins where the port is, as fast as that."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415  (as the next: slow to import)
+
+        from norton_bench.models import joint_steps, network_steps  # noqa: PLC0415
+
+        if position.size < 2:
+            return np.zeros(position.size)
+        parts = ceil(tick_s / LONGEST_STEP_S - 1e-9)
+        step_s, ticks = tick_s / parts, np.arange(position.size)
+        fine = CubicSpline(ticks, position)(np.arange((position.size - 1) * parts + 1) / parts)
+        decay = float(np.exp(-self.amplifier_bandwidth_rad_s * step_s))
+        start = motor_torque_nm / self.torque_gain
+        drive = self.torque_gain * network_steps.lagged(np.repeat(held, parts)[: fine.size], decay, start)
+        state = [fine[0], (fine[1] - fine[0]) / step_s, friction_torque_nm / self.presliding_stiffness_nm_rad]
+        carried = joint_steps.behind(
+            fine, drive, step_s, self._motor, joint, self.row, waves_of(self.terms),
+            np.ones((2, 1)), np.zeros(1, dtype=np.int64), np.array([state]), 0.0,
+        )[0]  # fmt: skip
+        return np.asarray(carried[::parts] - joint[2] * _second_difference(position, tick_s))
 
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:
@@ -292,7 +343,7 @@ class NortonNetwork:
     @classmethod
     def load(cls, path: Path | str) -> "NortonNetwork":
         """Read a network file. Raises UsageError, in a sentence, for a file that is none."""
-        content = _read_json(path)
+        content = read_json(path)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
         if content.get("version") not in (VERSION, VERSION_WITH_TERMS):
@@ -304,15 +355,15 @@ class NortonNetwork:
         unit = content.get("command_unit")
         if not isinstance(unit, str):
             raise UsageError(f'{path}: "command_unit" is missing; add the unit of the command, such as "N*m"')
-        covariance = _object(content.get("covariance", {}))
+        covariance = as_object(content.get("covariance", {}))
         return cls(
-            **_read_parameters(path, _object(content.get("parameters"))),
+            **_read_parameters(path, as_object(content.get("parameters"))),
             command_unit=unit,
             covariance_names=tuple(str(name) for name in covariance.get("names", [])),
-            covariance=_read_matrix(path, covariance),
-            provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
-            prediction=_read_prediction(path, content.get("prediction")),
-            terms=tuple(_read_term(path, _object(each)) for each in content.get("terms") or ()),
+            covariance=read_matrix(path, covariance),
+            provenance={str(key): str(value) for key, value in as_object(content.get("provenance", {})).items()},
+            prediction=read_prediction(path, content.get("prediction")),
+            terms=tuple(read_term(path, as_object(each)) for each in content.get("terms") or ()),
         )
 
 
@@ -329,27 +380,10 @@ def _second_difference(position: FloatArray, tick_s: float) -> FloatArray:
     return acceleration
 
 
-def _object(value: object) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _read_json(path: Path | str) -> object:
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror}); give the path of a network file") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: is not text; give the path of a network file (JSON)") from error
-    except json.JSONDecodeError as error:
-        raise UsageError(
-            f"{path}: line {error.lineno}: not valid JSON ({error.msg}); was the file cut short?"
-        ) from error
-
-
 def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, float]:
     values = {}
     for attribute, name in PARAMETER_OF_FIELD.items():
-        value = _object(parameters.get(name)).get("value")
+        value = as_object(parameters.get(name)).get("value")
         if value is None and attribute not in REQUIRED:
             continue
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
@@ -358,41 +392,3 @@ def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, 
             raise UsageError(f"{path}: parameters.{name} = {value} is not possible; it must be positive")
         values[attribute] = float(value)
     return values
-
-
-def _read_term(path: Path | str, content: dict[str, Any]) -> NetworkTerm:
-    name = content.get("name")
-    if name not in TERM_BY_NAME:
-        raise UsageError(f"{path}: this program knows no term {name!r}; it knows {', '.join(TERM_BY_NAME)}")
-    term, parameters = TERM_BY_NAME[name], _object(content.get("parameters"))
-    values = []
-    for each in term.parameters:
-        value = _object(parameters.get(each.name)).get("value")
-        if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
-            raise UsageError(f'{path}: term {name}: {each.name} needs a finite number under "value", not {value!r}')
-        values.append(float(value))
-    periods = content.get("periods_per_turn", 0)
-    if not isinstance(periods, (int, float)) or (periods > 0) is not term.periodic:
-        wanted = "periods_per_turn above zero" if term.periodic else "no periods_per_turn"
-        raise UsageError(f"{path}: term {name} needs {wanted}, not {periods!r}")
-    return NetworkTerm(name, tuple(values), periods)
-
-
-def _read_prediction(path: Path | str, content: object) -> PredictionError | None:
-    if content is None:
-        return None
-    try:
-        return PredictionError.from_json(_object(content))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(f'{path}: "prediction" is not as docs/identification.md has it; leave it out') from error
-
-
-def _read_matrix(path: Path | str, covariance: dict[str, Any]) -> tuple[tuple[float, ...], ...]:
-    size = len(covariance.get("names", []))
-    try:
-        matrix = np.asarray(covariance.get("matrix", []), dtype=float).reshape(size, size)
-    except (TypeError, ValueError) as error:
-        raise UsageError(
-            f"{path}: covariance.matrix must be {size} rows of {size} numbers, one for each name"
-        ) from error
-    return tuple(tuple(float(value) for value in row) for row in matrix)

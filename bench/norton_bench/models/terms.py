@@ -3,9 +3,11 @@
     τ = g·Km·Ka·lag(c) − Im·ω̇ − b·B·ω − σ0·φ − σ1·φ̇ + τ(θ),     φ̇ = ω − σ0/(γ·τc)·|ω|·φ
 
 The factors g, b and γ are 1 for the paper's motor (section IV.D), and τ(θ) is none. A term changes one of them; the
-friction contact keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. The table
-below is the only list of terms: the fit, the network file, its prediction, the report and the documents follow from
-it. What the terms do there and then is computed in :mod:`norton_bench.models.network_steps`.
+friction contact keeps its stiffness σ0, and slides towards the strength γ·τc that it has there and then. A joint is
+another kind of term: it puts the whole motor, whose angle is then q, behind something that gives (section VI). The
+table below is the only list of terms: the fit, the network file, its prediction, the report and the documents follow
+from it. What the terms do there and then is computed in :mod:`norton_bench.models.network_steps`, what a joint does in
+:mod:`norton_bench.models.joint_steps`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -26,6 +28,7 @@ class Factor(Enum):
     DAMPING = "damping"  # b, of the viscous damping
     STRENGTH = "strength"  # γ, of the Coulomb torque
     TORQUE = "torque"  # τ(θ): added, not multiplied
+    JOINT = "joint"  # between motor and port
 
 
 @dataclass(frozen=True)
@@ -65,12 +68,24 @@ class Term:
 STRIBECK, STRIBECK_VELOCITY, ASYMMETRY, LOAD, SATURATION, DRAG = range(6)
 FRICTION_COSINE, FRICTION_SINE, FRICTION_PERIODS, RIPPLE_COSINE, RIPPLE_SINE, RIPPLE_PERIODS = range(6, 12)
 GAIN_DRIFT, GAIN_BEND, DAMPING_DRIFT, DAMPING_BEND, FRICTION_DRIFT, FRICTION_BEND = range(12, 18)
-COLUMNS = 18
+JOINT_STIFFNESS, JOINT_DAMPING, OUTPUT_INERTIA, BACKLASH_WIDTH = range(18, 22)
+COLUMNS = 22
 # A contact without any strength has no equation; no friction that is asked for comes near to it.
 LEAST_STRENGTH = 0.02
 # A share of a factor that adds to 1 may take most of it, not all: a factor of nothing would leave no torque to fit.
 MOST_SHARE = 0.9
+# Of the motor's inertia. A lighter output follows its joint at once; it is moved as if it had this much.
+LIGHTEST_OUTPUT = 1e-3
 PERIODS = {"friction_by_position": FRICTION_PERIODS, "ripple": RIPPLE_PERIODS}
+# All over the motor's inertia: the square of the frequency at which it would swing on the joint, a rate, and a share.
+JOINT_PARAMETERS = (
+    TermParameter("joint_stiffness", "k", "N*m/rad", "torque of the joint per deflection", JOINT_STIFFNESS, "inertia",
+                  logarithmic=True),
+    TermParameter("joint_damping", "d", "N*m*s/rad", "torque of the joint per rate of its deflection", JOINT_DAMPING,
+                  "inertia", low=0.0),
+    TermParameter("output_inertia", "J", "kg*m^2", "inertia of what turns with the port, beyond the joint",
+                  OUTPUT_INERTIA, "inertia", low=0.0),
+)  # fmt: skip
 
 
 def _wave(name: str, what: str, column: int) -> tuple[TermParameter, TermParameter]:
@@ -190,6 +205,26 @@ TERMS = (
         ),
         periodic=True,
     ),
+    Term(
+        "compliance",
+        Factor.JOINT,
+        "τ = τ_j − J·ω̇, τ_j = k·(q − θ) + d·(q̇ − ω)",
+        "a spring gives between motor and port",
+        "fast changes of the torque at the port",
+        JOINT_PARAMETERS,
+    ),
+    Term(
+        "backlash",
+        Factor.JOINT,
+        "τ = τ_j − J·ω̇, τ_j = k·(q − θ ∓ w/2) + d·(q̇ − ω) where |q − θ| > w/2, else 0",
+        "there is play between motor and port, and a spring at either end of it",
+        "reversals of the torque at the port, and fast changes of it",
+        (
+            *JOINT_PARAMETERS,
+            TermParameter("backlash_width", "w", "rad", "play between the two ends of the joint", BACKLASH_WIDTH,
+                          logarithmic=True),
+        ),
+    ),
 )  # fmt: skip
 TERM_BY_NAME = {term.name: term for term in TERMS}
 TERM_PARAMETERS = {parameter.name: parameter for term in TERMS for parameter in term.parameters}
@@ -203,7 +238,7 @@ def _plain(value: float) -> str:
 class NetworkTerm:
     """A term with its values, in the order and the units of the table; ``periods_per_turn`` is 0 where it has none.
 
-    A network may have several of cogging, whose periods a turn need not be whole, and one of each other term.
+    A network may have several of cogging, whose periods a turn need not be whole, one of each other, and one joint.
     """
 
     name: str
@@ -247,6 +282,17 @@ def _over(value: float, base: float) -> float:
 def factors_of(terms: Sequence[NetworkTerm]) -> tuple[NetworkTerm, ...]:
     """Those that are factors."""
     return tuple(each for each in terms if each.term.factor is not Factor.TORQUE)
+
+
+def joint_of(terms: Sequence[NetworkTerm]) -> NetworkTerm | None:
+    """What is between motor and port; None where the motor is at the port."""
+    return next((each for each in terms if each.term.factor is Factor.JOINT), None)
+
+
+def joint_values(row: FloatArray, inertia_kgm2: float) -> tuple[float, float, float, float]:
+    """k [N m/rad], d [N m s/rad], J [kg m²] and w/2 [rad] of a row of factors; ``inertia_kgm2`` is the motor's."""
+    stiffness, damping, output = (float(value) for value in inertia_kgm2 * row[JOINT_STIFFNESS:BACKLASH_WIDTH])
+    return stiffness, damping, output, 0.5 * float(row[BACKLASH_WIDTH])
 
 
 def waves_of(terms: Sequence[NetworkTerm]) -> FloatArray:

@@ -53,6 +53,12 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
 
 def _sliding(network: NortonNetwork) -> Iterator[Finding]:
     """Whether one free velocity belongs to each command, and whether the free rotor keeps to it."""
+    if network.joint is not None and network.joint[3]:
+        width = 2 * network.joint[3]
+        yield Finding(
+            "unique zero", False, f"within the play of {width:.3g} rad the port is without torque anywhere", width
+        )
+        return
     fastest = np.abs(network.source_velocity(command_shown(network) * np.array([-1.0, 1.0]))).max()
     falls = falling(network, float(fastest))
     places = _places(network)

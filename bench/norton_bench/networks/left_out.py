@@ -18,7 +18,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.models.drawn_motor import command_shown
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm, joint_of
 
 PERIODS = 10
 TICKS_PER_PERIOD = 2000
@@ -80,7 +80,10 @@ def cost_percent(network: NortonNetwork, without: NortonNetwork, motion: Standar
 
 
 def without_terms(network: NortonNetwork, names: Sequence[str]) -> NortonNetwork:
-    """The network without its terms of these names."""
+    """The network without its terms of these names; without a joint, what turned beyond it turns with the motor."""
+    joint = joint_of(network.terms)
+    if joint is not None and joint.name in names:
+        network = network.rigid
     return replace(network, terms=tuple(term for term in network.terms if term.name not in names))
 
 

@@ -19,6 +19,14 @@ The terms of :mod:`norton_bench.models.terms` change these equations where they 
 - cogging: a torque beside Km i, at the source's place or at the port's;
 - what drifts in time has no part: a network holds for the middle of its session.
 
+A motor behind a joint is a Thévenin network: a torque source at the motor, and a connection that has the motor,
+
+    f = τ_j − J a,     Im q̈ = Km i − B q̇ − D[q] − τ_j,     τ_j = k (q − x) + d (q̇ − v)
+
+It has no Norton network of equations: its connection would have to know Km i from the motion of the free port, and that
+takes the fourth derivative of it, while a source puts out two. (The identified network itself computes free motion and
+torque, both from the command.)
+
 A Thévenin connection is linear in f_T as long as nothing there multiplies it: ripple does, and so does friction that
 grows with the torque at the port. In impedance form, that torque is what comes out; friction is then reckoned from the
 torque without the presliding damper's share σ1·φ̇, which is zero in steady sliding.
@@ -29,9 +37,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.terms import LEAST_STRENGTH, NetworkTerm, waves_of
+from norton_bench.models.terms import LEAST_STRENGTH, LIGHTEST_OUTPUT, Factor, NetworkTerm, waves_of
 from norton_bench.networks.expressions import Equations
-from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.nonlinear import NonlinearNetwork
 
 # The contact relaxes at s·|ω|. Beyond this velocity [rad/s] it does so no faster: it has long yielded there, and the
@@ -42,8 +50,14 @@ LONGEST_STEP_S = 1e-4
 
 
 def as_equations(network: NortonNetwork, kind: Kind = Kind.NORTON, form: Form = Form.IMPEDANCE) -> NonlinearNetwork:
-    """The motor's network in one of its four shapes, written out: the same motor, only slower to simulate."""
+    """The motor's network in one of its four shapes, written out: the same motor, only slower to simulate.
+
+    A motor behind a joint is written as Thévenin's where Norton's impedance is asked for: what goes in and out is the
+    same. Raises NoConversionError, in a sentence, for Norton's admittance of it.
+    """
     motor = _Motor(network)
+    if network.joint is not None:
+        return _behind_joint(motor, network.joint, kind, form)
     joined_linearly = kind is Kind.THEVENIN and not motor.multiplies_source
     return NonlinearNetwork(
         kind,
@@ -87,7 +101,7 @@ class _Motor:
             **{
                 f"{term.name}_{place}": value
                 for term in self.network.relative_terms
-                if term.name != "saturation" and not term.term.in_time
+                if term.name != "saturation" and not term.term.in_time and term.term.factor is not Factor.JOINT
                 for place, value in enumerate(term.values)
             },
             **{
@@ -244,6 +258,55 @@ def _thevenin(motor: _Motor, form: Form, *, joined_linearly: bool) -> Equations:
         return Equations(motor.places("x", "v", "a"), {"f_Z": own}, rates, parameters=motor.mechanics)
     inputs = ("f_T", *motor.places("x", "v", "a"))
     return Equations(inputs, {"f": f"{exerted} - ({motor.own('', port)})"}, rates, parameters=motor.mechanics)
+
+
+NO_NORTON = (
+    "a motor behind a joint has no Norton network of equations: to regain the motor's torque from the free port's "
+    "motion takes the fourth derivative of it; convert it to thevenin"
+)
+
+
+def _behind_joint(motor: _Motor, joint: tuple[float, float, float, float], kind: Kind, form: Form) -> NonlinearNetwork:
+    """Thévenin's network of a motor behind a joint. The state is how far the motor is ahead of the port."""
+    if (kind, form) == (Kind.NORTON, Form.ADMITTANCE):
+        raise NoConversionError(NO_NORTON)
+    network, (stiffness, damper, output_inertia, half) = motor.network, joint
+    output_inertia = max(output_inertia, LIGHTEST_OUTPUT * network.inertia_kgm2)
+    port = "" if form is Form.IMPEDANCE else "_r"
+    pull = f"(k*{{}} + d*(v_q - v{port}))"
+    if half:
+        beyond = [pull.format(f"(ahead {sign} half)") for sign in "-+"]
+        carried = f"({beyond[0]} if half < ahead else ({beyond[1]} if ahead < -half else 0))"
+    else:
+        carried = pull.format("ahead")
+    turned = f"({motor.exerted('f_T', '_q')} - {motor.damping('_q')} - {motor.friction('_q', carried)} - {carried})/Im"
+    rates = {"ahead": f"v_q - v{port}", "v_q": turned, "phi_q": motor.slip("_q", carried)}
+    if form is Form.IMPEDANCE:
+        inputs, outputs = ("f_T", *motor.places("x"), "v", "a"), {"f": f"{carried} - J*a"}
+    else:
+        inputs, moved = ("f_T", "f"), f"({carried} - f)/J"
+        outputs, rates = {"x": "x_r", "v": "v_r", "a": moved}, {"x_r": "v_r", "v_r": moved, **rates}
+    # The motor's own place, of which some terms are functions.
+    rates = {name: text.replace("x_q", f"(x{port} + ahead)") for name, text in rates.items()}
+    parameters = {
+        **motor.mechanics,
+        "k": stiffness,
+        "d": damper,
+        "J": output_inertia,
+        **({"half": half} if half else {}),
+    }
+    swing = sum((stiffness / each) ** 0.5 + damper / each for each in (network.inertia_kgm2, output_inertia))
+    return NonlinearNetwork(
+        Kind.THEVENIN,
+        form,
+        _source(motor, Kind.THEVENIN),
+        Equations(inputs, outputs, rates, parameters=parameters),
+        {"c": network.command_unit},
+        step_s=min(
+            LONGEST_STEP_S, motor.least_strength / (motor.s * FASTEST_RAD_S), 0.5 / swing, _contact_step(network)
+        ),
+        provenance=dict(network.provenance),
+    )
 
 
 def _moved(motor: _Motor, driven: str, port: str) -> str:

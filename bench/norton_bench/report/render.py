@@ -101,6 +101,7 @@ _USES = {
     Factor.DAMPING: "B is multiplied by b",
     Factor.STRENGTH: "in dφ/dt, τc is multiplied by γ",
     Factor.TORQUE: "τ(θ) is added to τ",
+    Factor.JOINT: "all else is the motor's, at its own angle q, and gives τ_j",
 }
 
 

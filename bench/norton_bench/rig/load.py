@@ -14,7 +14,7 @@ from norton_bench.errors import RigError, UsageError
 from norton_bench.models.drawn_motor import command_shown
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import BY_NAME
-from norton_bench.models.terms import Factor, NetworkTerm, waves_of
+from norton_bench.models.terms import LIGHTEST_OUTPUT, Factor, NetworkTerm, waves_of
 from norton_bench.networks.left_out import cost_percent, standard_motion, term_sentences
 from norton_bench.rig.draft import Draft, check, read_draft
 from norton_bench.rig.driver_options import amplifier_options
@@ -173,10 +173,13 @@ def rig_with_network(rig: Rig, network: NortonNetwork, name: str) -> tuple[str, 
     if network.torque_gain <= 0.0:
         raise UsageError(f"the network's torque gain is {network.torque_gain:g}: turn the actuator's direction round")
     held, strongest = _terms_held(network), _strongest_wave(network)
-    lines = ['model = "dahl_motor"', *_written(network, before, held)]
-    lines += [f"{key} = {toml(before[key])}" for key in KEPT if key in before]
-    lines += [f"cogging = {toml(_cogging(strongest))}"] if strongest else []
-    lines += [f"departures = {toml(held)}"] if held else []
+    written = _written(network, before, held)
+    lines = [*_plant(network, written), *(f"{key} = {toml(before[key])}" for key in KEPT if key in before)]
+    if network.joint is None:
+        lines += [f"cogging = {toml(_cogging(strongest))}"] if strongest else []
+        lines += [f"departures = {toml(held)}"] if held else []
+    else:
+        lines += [f"{key} = {toml(value)}" for key, value in held.items()]
     head = "[simulated.actuator]                # an identified network; written by `norton-bench network export`"
     text = TABLE.sub(lambda _: "\n".join([head, *lines]) + "\n\n", INNER_TABLES.sub("", rig.text), count=1)
     return NAME.sub(lambda match: f'{match[1]}"{name}"', text, count=1), tuple(_left_out(network, before, held))
@@ -191,29 +194,52 @@ def _table_of(rig: Rig) -> dict[str, Any]:
     return dict(tables["actuator"])
 
 
-def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> list[str]:
-    """A line for each parameter, under the simulator's names, which has its Coulomb torque at rest."""
+def _plant(network: NortonNetwork, written: dict[str, str]) -> list[str]:
+    """Lines of the plant and its mechanics: a motor, or one behind a joint."""
+    if network.joint is None:
+        return ['model = "dahl_motor"', *(f"{name} = {toml(value)}" for name, value in written.items())]
+    stiffness, damper, output_inertia, half = network.joint
+    amplifier = {name: value for name, value in written.items() if name.startswith("amplifier_")}
+    joint = {"stiffness": f"{stiffness:.12g} N*m/rad", "damping": f"{max(damper, 0.0):.12g} N*m*s/rad"}
+    lighter = max(output_inertia, LIGHTEST_OUTPUT * network.inertia_kgm2)
+    tables: dict[str, Any] = {
+        **amplifier,
+        "motor": {name: value for name, value in written.items() if name not in amplifier},
+        "output": {"inertia": f"{lighter:.12g} kg*m^2"},
+        **({"backlash": {"width": f"{2 * half:.12g} rad", **joint}} if half else {"spring": joint}),
+    }
+    model = "gear_train" if half else "series_elastic"
+    return [f'model = "{model}"', *(f"{name} = {toml(value)}" for name, value in tables.items())]
+
+
+def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> dict[str, str]:
+    """Each parameter's text, under the simulator's names, which has its Coulomb torque at rest."""
     values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name != "torque_gain"}
     if "stribeck" in held:
         values["coulomb_torque"] /= 1.0 - held["stribeck"]["drop"]
-    lines = [
-        _line(name, value, network) for name, value in values.items() if name not in (TORQUE_CONSTANT, AMPLIFIER_GAIN)
-    ]
+    texts = {
+        name: _text(name, value, network)
+        for name, value in values.items()
+        if name not in (TORQUE_CONSTANT, AMPLIFIER_GAIN)
+    }
     if network.torque_constant is not None:
-        lines.append(_line(TORQUE_CONSTANT, network.torque_constant, network))
+        texts[TORQUE_CONSTANT] = _text(TORQUE_CONSTANT, network.torque_constant, network)
         gain = network.torque_gain / network.torque_constant
     else:
-        written = before.get(TORQUE_CONSTANT, "1 N*m/A")
-        lines.append(f"{TORQUE_CONSTANT} = {toml(written)}")
-        gain = network.torque_gain / parse_quantity(written, "N*m/A")
+        constant = before.get(TORQUE_CONSTANT) or before.get("motor", {}).get(TORQUE_CONSTANT, "1 N*m/A")
+        texts[TORQUE_CONSTANT] = constant
+        gain = network.torque_gain / parse_quantity(constant, "N*m/A")
     if "saturation" in held:  # until here with the command at which the share is less
         held["saturation"]["current"] = f"{gain * held['saturation']['current']:.12g} A"
-    return [*lines, _line(AMPLIFIER_GAIN, gain, network)]
+    return {**texts, AMPLIFIER_GAIN: _text(AMPLIFIER_GAIN, gain, network)}
 
 
 def _terms_held(network: NortonNetwork) -> dict[str, Any]:
-    """The terms that the simulated motor has words for, under its names (docs/plants.md)."""
-    written = {term.name: _departure(network, term) for term in network.relative_terms}
+    """The terms that the simulated motor has words for, under its names (docs/plants.md): fewer behind a joint."""
+    told = [term for term in network.relative_terms if term.term.factor is not Factor.JOINT]
+    if network.joint is not None:
+        told = [term for term in told if term.name == "load" and network.joint[3]]
+    written = {term.name: _departure(network, term) for term in told}
     return {key: value for name, value in written.items() if value is not None for key in (DEPARTURE.get(name, name),)}
 
 
@@ -255,17 +281,19 @@ def _cogging(wave: tuple[float, ...]) -> dict[str, Any]:
     return {"amplitude": f"{hypot(cosine, sine):.12g} N*m", "periods_per_turn": whole, "phase": phase}
 
 
-def _line(name: str, value: float, network: NortonNetwork) -> str:
-    return f'{name} = "{value:.12g} {BY_NAME[name].unit_for(network.command_unit)}"'
+def _text(name: str, value: float, network: NortonNetwork) -> str:
+    return f"{value:.12g} {BY_NAME[name].unit_for(network.command_unit)}"
 
 
 def _left_out(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> list[str]:
-    names = [term.name for term in network.relative_terms if DEPARTURE.get(term.name, term.name) not in held]
+    told = [term for term in network.relative_terms if term.term.factor is not Factor.JOINT]
+    names = [term.name for term in told if DEPARTURE.get(term.name, term.name) not in held]
+    names += ["cogging"] if network.joint is not None else []
     sentences = list(term_sentences(network, names))
     waves = waves_of(network.terms)
     if "cogging" in before and not len(waves):
         sentences.append("The rig's cogging is left out: the network knows no torque that goes with the position.")
-    if len(waves) > 1:
+    if len(waves) > 1 and network.joint is None:
         sentences.append(_weaker_waves(network))
     if "departures" in before:
         sentences.append("The rig's own departures are left out: the network has what was identified of them.")

@@ -92,16 +92,16 @@ def _actuator(fit: FitResult | None, fastest_rad_s: float) -> Machine | None:
     """None where the fit does not know the actuator's torque balance well enough.
 
     The network's terms go in by the most that they may add: friction at the place and in the direction where it is
-    greatest, cogging's whole amplitude, and drag at the greatest velocity that is allowed. What saturation and ripple
-    take from the gain, and friction that grows with the torque at the port, is a share of the torques that act, of
-    which the guard allows one anyway.
+    greatest, cogging's whole amplitude, and drag at the greatest velocity that is allowed. A joint goes in as if it
+    were stiff. What saturation and ripple take from the gain, and friction that grows with the torque at the port, is a
+    share of the torques that act, of which the guard allows one anyway.
     """
     if fit is None or not known_well_enough(fit):
         return None
     network = fit.network
     return Machine(
         network.torque_gain,
-        network.inertia_kgm2,
+        network.rigid.inertia_kgm2,
         float(damping_nm(network, fastest_rad_s)) / fastest_rad_s,
         greatest_friction_nm(network),
         lag_s=_lag_s(fit.command_delay_s, fit.motion_delay_s, network.amplifier_bandwidth_rad_s),

@@ -74,6 +74,9 @@ class Departs:
     damping_drift: float = 0.0  # a second
     gain_drift: float = 0.0
     friction_drift: float = 0.0
+    joint_stiffness: float = 0.0  # of a spring between motor and port; 0: the motor is at the port
+    joint_damping: float = 0.0
+    output_inertia: float = 0.0
 
     def array(self):
         return np.array([float(getattr(self, each.name)) for each in fields(self)])
@@ -113,12 +116,20 @@ def departed(a, departs, ia, wa, ta, port, time):
 
 
 @njit(cache=True)
+def motor_of(departs, tq, wq, ta, wa, port):
+    """What the motor carries, its own angle and velocity: those of the port where no spring is between."""
+    if departs[11] > 0.0:
+        return departs[11] * (tq - ta) + departs[12] * (wq - wa), tq, wq
+    return port, ta, wa
+
+
+@njit(cache=True)
 def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
     """One tick at a time; returns samples at the devices' phases and the true port torque."""
     ticks = command.size
     dt = 1e-3 / 100
     out = np.empty((ticks, 5))  # actuator position, load position, torque, current torque, actuator velocity
-    ta = wa = fa = ia = tl = wl = fl = il = 0.0
+    ta = wa = fa = ia = tl = wl = fl = il = tq = wq = 0.0
     ca = cl = integral = x0 = 0.0
     sent_l = np.zeros(ticks)
     delay = 25
@@ -145,19 +156,19 @@ def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command
             port = k * (ta - tl) + d * (wa - wl)
             ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
             il += (b[0] * cl - il) * (1 - np.exp(-b[1] * dt))
-            bound, motor, viscous = departed(a, departs, ia, wa, ta, port, (n + j / 100) * 1e-3)
+            carried, tq, wq = motor_of(departs, tq, wq, ta, wa, port)
+            bound, motor, viscous = departed(a, departs, ia, wq, tq, carried, (n + j / 100) * 1e-3)
             sa, sl = a[5] / bound, b[5] / b[4]
             # friction at the present velocity, σ1 taken implicitly
-            ra = a[6] * (1 - (fa / bound) * np.sign(wa))
-            rl = b[6] * (1 - (fl / b[4]) * np.sign(wl))
-            wa = (wa + dt * (motor - port - fa - cogging * np.sin(42 * ta)) / a[2]) / (1 + dt * (viscous + ra) / a[2])
+            ra, rl = a[6] * (1 - (fa / bound) * np.sign(wq)), b[6] * (1 - (fl / b[4]) * np.sign(wl))
+            push = motor - carried - fa - cogging * np.sin(42 * tq)
+            wq = (wq + dt * push / a[2]) / (1 + dt * (viscous + ra) / a[2])
+            wa = wa + dt * (carried - port) / departs[13] if departs[11] > 0.0 else wq
             wl = (wl + dt * (il + port - fl) / b[2]) / (1 + dt * (b[3] + rl) / b[2])
-            da, dl = wa * dt, wl * dt
-            ta += da
-            tl += dl
+            da, dl = wq * dt, wl * dt
+            tq, ta, tl = tq + da, ta + wa * dt, tl + dl
             ea, el = np.exp(-sa * abs(da)), np.exp(-sl * abs(dl))
-            fa = np.sign(da) * bound * (1 - ea) + fa * ea
-            fl = np.sign(dl) * b[4] * (1 - el) + fl * el
+            fa, fl = np.sign(da) * bound * (1 - ea) + fa * ea, np.sign(dl) * b[4] * (1 - el) + fl * el
             if j == phases[0]:
                 out[n, 0] = ta
                 out[n, 4] = wa

@@ -81,10 +81,12 @@ def by_scipy(term, command, port):
 
 
 def test_the_table_says_everything_once():
-    names = [each.name for term in TERMS for each in term.parameters]
+    names = list({each.name: each for term in TERMS for each in term.parameters})
+    said = {each for term in TERMS for each in term.parameters}
+    assert len(said) == len(names)  # the joints of the table share theirs, word for word
     assert len(set(names) | set(BY_NAME)) == len(names) + len(BY_NAME)
     factors = [term for term in TERMS if term.factor is not Factor.TORQUE]
-    columns = [each.column for term in factors for each in term.parameters]
+    columns = {each.column for term in factors for each in term.parameters}
     assert sorted([*columns, *PERIODS.values()]) == list(range(COLUMNS))
     assert set(PERIODS) == {term.name for term in factors if term.periodic}
     assert {each.over for each in TERM_PARAMETERS.values()} <= {"", *BY_NAME}

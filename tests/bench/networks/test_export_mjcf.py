@@ -14,7 +14,7 @@ from norton_bench.networks.family import coupled
 from norton_bench.networks.kinds import Form, Kind, Load
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
-from tests.bench.networks.some import ALL_TERMS, MOTOR, MOTORS, PNEUMATIC
+from tests.bench.networks.some import ALL_TERMS, JOINTS, MOTOR, MOTORS, PNEUMATIC
 
 TICK_S = 1e-3
 TIME_S = np.arange(800) * TICK_S
@@ -112,6 +112,18 @@ def test_every_term_that_is_left_out_is_named_with_its_cost(dcmotor):
     for sentence in model.left_out:
         assert re.search(r"That costs [\d.]+ % of the torque's rms", sentence)
         assert sentence.replace("--", "- -") in model.text
+
+
+@pytest.mark.parametrize("dcmotor", [False, True])
+@pytest.mark.parametrize("name", ["compliance", "backlash"])
+def test_a_joint_is_left_out_with_its_cost_and_what_turns_beyond_it_stays(name, dcmotor):
+    model = export_mjcf(JOINTS[name], "motor", dcmotor=dcmotor)
+    sentence = model.left_out[-1]
+    assert sentence.startswith(f"The term {name} is left out (k = 8 N*m/rad, d = 0.01")
+    assert "That costs" in sentence
+    one, other = (export_mjcf(each, "motor", dcmotor=dcmotor) for each in (JOINTS[name], JOINTS[name].rigid))
+    armatures = [mujoco.MjModel.from_xml_string(each.text).dof_armature[0] for each in (one, other)]
+    assert armatures[0] == armatures[1]
 
 
 def linear(source, connection):

@@ -86,6 +86,34 @@ def test_friction_that_grows_with_the_torque_at_the_port_goes_into_the_plant():
     assert not any("term" in sentence for sentence in left_out)
 
 
+@pytest.mark.parametrize(
+    "terms",
+    [
+        (NetworkTerm("compliance", (12.0, 0.01, 1e-5)),),
+        (NetworkTerm("backlash", (60.0, 0.02, 1e-5, 2e-3)), NetworkTerm("load", (0.1,))),
+    ],
+    ids=["spring", "play"],
+)
+def test_a_motor_behind_a_joint_becomes_the_plant_that_it_is(terms):
+    """With play to 3 %: the plant's own steps meet the blows at other instants."""
+    network = replace(NETWORK, terms=terms)
+    position, left_out = free_position(network)
+    assert not any("term" in sentence for sentence in left_out)
+    expected = network.free_motion(COMMAND, 1e-3)[0]
+    rms = np.sqrt(np.mean(expected**2))
+    assert np.sqrt(np.mean((position - expected) ** 2)) < (1e-3 if len(terms) == 1 else 0.03) * rms
+
+
+def test_what_a_plant_behind_a_joint_cannot_have_is_said_with_its_cost():
+    terms = (NetworkTerm("compliance", (12.0, 0.01, 0.0)), NetworkTerm("drag", (2e-5,)), *TERMS["cogging"])
+    text, left_out = written("sim-free-shaft", replace(NETWORK, terms=terms))
+    actuator = parse_rig(text, place="found.toml", backend="simulated").simulated["actuator"]
+    assert actuator["model"] == "series_elastic"
+    assert actuator["output"] == {"inertia": "6.2e-08 kg*m^2"}  # no body has none: a thousandth of the motor's
+    names = [sentence.split()[2] for sentence in left_out if "% of the torque's rms" in sentence]
+    assert names == ["drag", "cogging"]
+
+
 def test_what_the_plant_cannot_have_of_the_terms_is_said_with_its_cost():
     terms = (
         NetworkTerm("stribeck", (-0.004, 2.0)),

@@ -189,6 +189,19 @@ def test_true_values_are_told_with_their_units():
     assert told["amplifier_gain"] == (10.0, "A/(rad)")
 
 
+def test_a_torque_motor_behind_a_joint_has_the_identifiers_names_too():
+    told = true_parameters(truth_of("gear_train", servo=None, load_friction=0.05), "rad")
+    named = ("inertia", "joint_stiffness", "joint_damping", "output_inertia", "backlash_width", "load_friction")
+    assert [told[name][0] for name in named[:1]] == [told["motor_inertia"][0]]
+    assert told["joint_stiffness"] == told["backlash_stiffness"]
+    assert told["torque_gain"] == (pytest.approx(10.0 * told["torque_constant"][0]), "N*m/(rad)")
+    assert all(name in told for name in named)
+    spring = true_parameters(truth_of("series_elastic", servo=None), "rad")
+    assert spring["joint_stiffness"] == spring["spring_stiffness"]
+    assert "backlash_width" not in spring
+    assert "joint_stiffness" not in true_parameters(truth_of("series_elastic"), "rad")
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [

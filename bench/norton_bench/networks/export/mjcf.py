@@ -88,7 +88,7 @@ def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
     joint = _Joint(
         network.torque_gain,
         1.0 / network.amplifier_bandwidth_rad_s,
-        network.inertia_kgm2,
+        network.rigid.inertia_kgm2,
         network.viscous_damping_nms_rad,
         friction=network.coulomb_torque_nm,
     )
@@ -104,7 +104,7 @@ def _dcmotor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
     joint = _Joint(
         network.torque_gain,
         1.0 / network.amplifier_bandwidth_rad_s,
-        network.inertia_kgm2,
+        network.rigid.inertia_kgm2,
         network.viscous_damping_nms_rad,
         drag=terms.get("drag", (0.0,))[0],
         contact=(stiffness, network.presliding_damping_nms_rad, coulomb, coulomb + more_at_rest, stribeck_rad_s),
