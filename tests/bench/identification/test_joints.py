@@ -6,7 +6,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from norton_bench.identification import judged_fit
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
@@ -112,4 +111,4 @@ def test_of_play_a_spring_is_tried_which_must_leave_nothing_but_noise(result, er
     before = JudgedFit(result, result, (), (), None, replace(error, departures=(departed(BACKLASH),)))
     clean_error = replace(error, departures=(), unexplained=False)
     for left, kept in ((clean_error, True), (replace(clean_error, unexplained=True), False), (before.error, False)):
-        assert judged_fit._better(JudgedFit(better, better, (), (), None, left), before, "compliance") is kept
+        assert (objection(JudgedFit(better, better, (), (), None, left), before, term) == "") is kept
