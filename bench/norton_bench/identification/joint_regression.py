@@ -112,7 +112,7 @@ class JointModel:
     def torque(
         self, driven: Driven, path_rad: FloatArray, step_s: float, begins: IntArray, states: FloatArray, moved: float
     ) -> FloatArray:
-        """τ_j and the motor's velocity along a path, (2, n); the rest as in joint_steps.behind."""
+        """τ_j along a path, (n,); the rest as in joint_steps.behind."""
         motor = self.motor
         return np.asarray(
             joint_steps.behind(
@@ -252,4 +252,4 @@ def _torque(model: JointModel, rows: Rows, begun: FloatArray, moved: float) -> F
     """τ_j along the path of one stretch, (n · FINE,)."""
     begins = np.concatenate([[0], rows.signals.rests * FINE]).astype(np.int64)
     driven, step_s = Driven.of(rows, model.shape), rows.signals.tick_s / FINE
-    return np.asarray(model.torque(driven, rows.signals.path_rad, step_s, begins, begun, moved)[0])
+    return np.asarray(model.torque(driven, rows.signals.path_rad, step_s, begins, begun, moved))

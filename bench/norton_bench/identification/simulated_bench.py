@@ -296,7 +296,7 @@ class SimulatedStretch:
         driven = Driven.after(lag, self.time_s - regression.rows[0].middle_s, shape)
         model = regression.model(shape)
         begins = np.zeros(1, dtype=np.int64)
-        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0)[0])
+        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0))
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:

@@ -284,7 +284,7 @@ class NortonNetwork:
         carried = joint_steps.behind(
             fine, drive, step_s, self._motor, joint, self.row, waves_of(self.terms),
             np.ones((2, 1)), np.zeros(1, dtype=np.int64), np.array([state]), 0.0,
-        )[0]  # fmt: skip
+        )  # fmt: skip
         return np.asarray(carried[::parts] - joint[2] * _second_difference(position, tick_s))
 
     @property
