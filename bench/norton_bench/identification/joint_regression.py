@@ -55,8 +55,11 @@ LEAST_DAMPING = 0.1
 
 @dataclass(frozen=True)
 class Driven:
-    """One stretch on the motion's own clock, at its fine grid: what drives the motor, per unit of torque gain, (n,),
-    and the factors in time of the contact's strength and of the damping, (2, n) or (2, 1)."""
+    """One stretch on the motion's own clock, at its fine grid.
+
+    ``lagged`` (n,) is what drives the motor, per unit of torque gain, as means from each sample to the next; ``drifts``
+    (2, n), or (2, 1), are the factors in time of the contact's strength and of the damping.
+    """
 
     lagged: FloatArray
     drifts: FloatArray
@@ -70,7 +73,7 @@ class Driven:
             signals.sent_s + later_s,
             signals.command,
             shape.bandwidth_rad_s,
-            signals.time_s[0],
+            signals.time_s[0] + 0.5 * step_s,
             step_s,
             count,
             signals.released_at_zero,

@@ -279,6 +279,8 @@ class SimulatedStretch:
         """What drives the output, behind the amplifier's lag and the joint if there is one, (n,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
+        if isinstance(solution.regression, JointRegression):  # whose steps take means from one sample to the next
+            acts_s -= 0.5 * stretch.tick_s / FINE
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
         if isinstance(solution.regression, JointRegression):
             return self._of_joint(solution.regression, shape, lag)

@@ -98,7 +98,7 @@ def behind(
 ) -> FloatArray:
     """τ_j [N m] at every sample of the port's ``position`` (n,), shape (n,).
 
-    ``drive`` (n,) is Km·Ka·lag(c) as means over cells about the samples. ``drifts`` (2, n) are the factors in time of
+    ``drive`` (n,) is Km·Ka·lag(c) as means from each sample to the next. ``drifts`` (2, n) are the factors in time of
     the contact's strength and of the damping; (2, 1) where there are none. At the samples ``begins``, of which the
     first is 0, angle, velocity and Dahl state go into ``states`` (begins, 3), from whose first row all begins. With
     ``moved`` other than zero they come from there, the Dahl state ``moved`` further: what an unknown state does.
@@ -120,10 +120,8 @@ def behind(
             break
         after, drift = _slope(position, k + 1, step_s), drifts[:, k if many else 0]
         for part in range(substeps):
-            later = min(max(part + 1.0 - 0.5 * substeps, 0.0), 1.0)
-            push = (1.0 - later) * drive[k] + later * drive[k + 1]
             port = (position[k], position[k + 1] - position[k], speed, after)
-            _carry_on(state, port, (part, substeps), step_s, push, motor, joint, row, waves, (drift[0], drift[1]))
+            _carry_on(state, port, (part, substeps), step_s, drive[k], motor, joint, row, waves, (drift[0], drift[1]))
         speed = after
     return output
 
