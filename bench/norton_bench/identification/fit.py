@@ -230,8 +230,7 @@ def result_of(
     readings: Readings | None = None,
 ) -> FitResult:
     """What a solution says of the motor. Arguments as in fit_signals."""
-    regression = solution.regression
-    target = regression.target()
+    regression, target = solution.regression, solution.regression.target()
     of_unknowns = covariance_of(solution, regression.time_s())
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     deviations = np.sqrt(np.diag(covariance))

@@ -145,9 +145,11 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
     Relative values, as in Shape; those of a joint that ``near`` has not are searched for. ``zero_nm`` is the sensor's.
     """
     shape = replace(near.shape, terms=tuple(terms))
-    before = joint_of(near.shape.terms)
+    before, wanted = joint_of(near.shape.terms), joint_of(terms)
+    if wanted is None or wanted.name != "compliance":
+        raise ValueError("no fit finds the width of a play: ask for the term compliance")
     linear = near.linear[: len(LINEAR)]
-    if before is not None and joint_of(terms) == before:
+    if before is not None and wanted == before:
         begins = [(start, linear) for start in _other_starts(near.regression, shape)]
     else:
         begins = [_begun_on_pieces(near, shape, linear, zero_nm)]

@@ -54,8 +54,11 @@ LEAST_DAMPING = 0.1
 
 @dataclass(frozen=True)
 class Driven:
-    """One stretch on the motion's own clock, at its fine grid: what drives the motor, per unit of torque gain, (n,),
-    and the factors in time of the contact's strength and of the damping, (2, n) or (2, 1)."""
+    """One stretch on the motion's own clock, at its fine grid.
+
+    ``lagged`` (n,) is what drives the motor, per unit of torque gain, as means from each sample to the next; ``drifts``
+    (2, n), or (2, 1), are the factors in time of the contact's strength and of the damping.
+    """
 
     lagged: FloatArray
     drifts: FloatArray
@@ -69,7 +72,7 @@ class Driven:
             signals.sent_s + later_s,
             signals.command,
             shape.bandwidth_rad_s,
-            signals.time_s[0],
+            signals.time_s[0] + 0.5 * step_s,
             step_s,
             count,
             signals.released_at_zero,
@@ -111,7 +114,7 @@ class JointModel:
     def torque(
         self, driven: Driven, path_rad: FloatArray, step_s: float, begins: IntArray, states: FloatArray, moved: float
     ) -> FloatArray:
-        """τ_j and the motor's velocity along a path, (2, n); the rest as in joint_steps.behind."""
+        """τ_j along a path, (n,); the rest as in joint_steps.behind."""
         motor = self.motor
         return np.asarray(
             joint_steps.behind(
@@ -251,4 +254,4 @@ def _torque(model: JointModel, rows: Rows, begun: FloatArray, moved: float) -> F
     """τ_j along the path of one stretch, (n · FINE,)."""
     begins = np.concatenate([[0], rows.signals.rests * FINE]).astype(np.int64)
     driven, step_s = Driven.of(rows, model.shape), rows.signals.tick_s / FINE
-    return np.asarray(model.torque(driven, rows.signals.path_rad, step_s, begins, begun, moved)[0])
+    return np.asarray(model.torque(driven, rows.signals.path_rad, step_s, begins, begun, moved))

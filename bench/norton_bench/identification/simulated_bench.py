@@ -269,6 +269,8 @@ class SimulatedStretch:
         """What drives the output, behind the amplifier's lag and the joint if there is one, (n,)."""
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
+        if isinstance(solution.regression, JointRegression):  # whose steps take means from one sample to the next
+            acts_s -= 0.5 * stretch.tick_s / FINE
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
         if isinstance(solution.regression, JointRegression):
             return self._of_joint(solution.regression, shape, lag)
@@ -285,7 +287,7 @@ class SimulatedStretch:
         driven = Driven.after(lag, self.time_s - regression.rows[0].middle_s, shape)
         model = regression.model(shape)
         begins = np.zeros(1, dtype=np.int64)
-        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0)[0])
+        return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0))
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:

@@ -96,16 +96,15 @@ def behind(
     states: FloatArray,
     moved: float,
 ) -> FloatArray:
-    """τ_j [N m] and the motor's velocity [rad/s] at every sample of the port's ``position`` (n,): shape (2, n).
+    """τ_j [N m] at every sample of the port's ``position`` (n,), shape (n,).
 
-    ``drive`` (n,) is Km·Ka·lag(c) as means over cells about the samples. ``drifts`` (2, n) are the factors in time of
-    the contact's strength and of the damping; (2, 1) where there are none. At each of the samples ``begins``, of which
-    the first is the first sample, the motor's angle, velocity and Dahl state are put into ``states`` (begins, 3); the
-    first row is where it begins. With ``moved`` other than zero they are taken from there, the Dahl state ``moved``
-    further: what comes of a state that nobody knows.
+    ``drive`` (n,) is Km·Ka·lag(c) as means from each sample to the next. ``drifts`` (2, n) are the factors in time of
+    the contact's strength and of the damping; (2, 1) where there are none. At the samples ``begins``, of which the
+    first is 0, angle, velocity and Dahl state go into ``states`` (begins, 3), from whose first row all begins. With
+    ``moved`` other than zero they come from there, the Dahl state ``moved`` further: what an unknown state does.
     """
     count, event, many = position.size, 0, drifts.shape[1] > 1
-    output = np.empty((2, count))
+    output = np.empty(count)
     substeps = max(1, ceil(step_s * fastest_rate(motor, joint) / RATE_STEP))
     state, speed = states[0].copy(), _slope(position, 0, step_s)
     for k in range(count):
@@ -116,16 +115,13 @@ def behind(
             else:
                 states[event] = state
             event += 1
-        output[0, k] = joint_torque(joint, state[0] - position[k], state[1] - speed)
-        output[1, k] = state[1]
+        output[k] = joint_torque(joint, state[0] - position[k], state[1] - speed)
         if k == count - 1:
             break
         after, drift = _slope(position, k + 1, step_s), drifts[:, k if many else 0]
         for part in range(substeps):
-            later = min(max(part + 1.0 - 0.5 * substeps, 0.0), 1.0)
-            push = (1.0 - later) * drive[k] + later * drive[k + 1]
             port = (position[k], position[k + 1] - position[k], speed, after)
-            _carry_on(state, port, (part, substeps), step_s, push, motor, joint, row, waves, (drift[0], drift[1]))
+            _carry_on(state, port, (part, substeps), step_s, drive[k], motor, joint, row, waves, (drift[0], drift[1]))
         speed = after
     return output
 
@@ -216,38 +212,54 @@ def free_motion(
     decay = exp(-bandwidth * h)
     mean_decay = (1.0 - decay) / (bandwidth * h)
     x, v, lagged, phi = start
-    q, w = x, v
-    motion, still = np.empty((3, command.size)), (1.0, 1.0)
+    motion = np.empty((3, command.size))
     if command.size:
         most = strength(row, v, x, port[0]) / s
         phi = min(max(phi, -most), most)
-        q = x + port[0] / joint[0] + (joint[3] if port[0] > 0.0 else (-joint[3] if port[0] < 0.0 else 0.0))
-    dx, dw, dv = np.zeros(5), np.zeros(5), np.zeros(5)
-    dq = np.zeros(5)
+        x_motor = x + port[0] / joint[0] + np.sign(port[0]) * joint[3]
+        state = np.array([x, v, x_motor, v, phi])
     for k in range(command.size):
         asked = torque_gain * command[k]
-        motion[0, k], motion[1, k] = x, v
-        motion[2, k] = (joint_torque(joint, q - x, w - v) - port[k]) / output_inertia
+        motion[0, k], motion[1, k] = state[0], state[1]
+        carried = joint_torque(joint, state[2] - state[0], state[3] - state[1])
+        motion[2, k] = (carried - port[k]) / output_inertia
         for _ in range(substeps):
             push = asked + (lagged - asked) * mean_decay
-            carried = 0.0
-            for stage in range(4):
-                share = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
-                way = share * dq[stage]
-                x_at, v_at, w_at = x + share * dx[stage], v + share * dv[stage], w + share * dw[stage]
-                carried = joint_torque(joint, q + way - x_at, w_at - v_at)
-                own = own_torque(motor, row, waves, push, q + way, w_at, way, phi, carried, still)
-                dx[stage + 1], dq[stage + 1] = v_at, w_at
-                dv[stage + 1] = (carried - port[k]) / output_inertia
-                dw[stage + 1] = (own - carried) / inertia
-            way = h * _weighed(dq)
-            phi = contact_after(motor, row, way, phi, dq[2], q, carried, 1.0)
-            q += way
-            x += h * _weighed(dx)
-            v += h * _weighed(dv)
-            w += h * _weighed(dw)
+            _swing(state, push, port[k], h, output_inertia, motor, joint, row, waves)
             lagged = asked + (lagged - asked) * decay
     return motion
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _swing(
+    state: FloatArray,
+    push: float,
+    port_nm: float,
+    h: float,
+    output_inertia: float,
+    motor: MotorValues,
+    joint: JointValues,
+    row: FloatArray,
+    waves: FloatArray,
+) -> None:
+    """The port's angle and velocity, the motor's, and its Dahl state, a step later."""
+    x, v, q, w, phi = state
+    # Of the four stages: angles' rates, then the velocities'; the first column is that before the first stage.
+    rates, carried = np.zeros((4, 5)), 0.0
+    for stage in range(4):
+        share = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+        way = share * rates[1, stage]
+        x_at, v_at, w_at = x + share * rates[0, stage], v + share * rates[2, stage], w + share * rates[3, stage]
+        carried = joint_torque(joint, q + way - x_at, w_at - v_at)
+        own = own_torque(motor, row, waves, push, q + way, w_at, way, phi, carried, (1.0, 1.0))
+        rates[0, stage + 1], rates[1, stage + 1] = v_at, w_at
+        rates[2, stage + 1], rates[3, stage + 1] = (carried - port_nm) / output_inertia, (own - carried) / motor[2]
+    way = h * _weighed(rates[1])
+    state[4] = contact_after(motor, row, way, phi, rates[1, 2], q, carried, 1.0)
+    state[0] = x + h * _weighed(rates[0])
+    state[1] = v + h * _weighed(rates[2])
+    state[2] = q + way
+    state[3] = w + h * _weighed(rates[3])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

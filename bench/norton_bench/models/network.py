@@ -279,12 +279,15 @@ class NortonNetwork:
         fine = CubicSpline(ticks, position)(np.arange((position.size - 1) * parts + 1) / parts)
         decay = float(np.exp(-self.amplifier_bandwidth_rad_s * step_s))
         start = motor_torque_nm / self.torque_gain
-        drive = self.torque_gain * network_steps.lagged(np.repeat(held, parts)[: fine.size], decay, start)
+        asked = np.repeat(held, parts)[: fine.size]
+        lagged = network_steps.lagged(asked, decay, start)
+        mean_decay = (1.0 - decay) / (self.amplifier_bandwidth_rad_s * step_s)
+        drive = self.torque_gain * (asked + (lagged - asked) * mean_decay)
         state = [fine[0], (fine[1] - fine[0]) / step_s, friction_torque_nm / self.presliding_stiffness_nm_rad]
         carried = joint_steps.behind(
             fine, drive, step_s, self._motor, joint, self.row, waves_of(self.terms),
             np.ones((2, 1)), np.zeros(1, dtype=np.int64), np.array([state]), 0.0,
-        )[0]  # fmt: skip
+        )  # fmt: skip
         return np.asarray(carried[::parts] - joint[2] * _second_difference(position, tick_s))
 
     @property

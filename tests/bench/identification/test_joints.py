@@ -6,10 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
+from norton_bench.identification import judged_fit
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
-from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged
+from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged, objection
 from norton_bench.identification.model_error import expanded, model_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.shape import GAIN
