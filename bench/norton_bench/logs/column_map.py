@@ -151,6 +151,7 @@ class ModelSection(MapSection):
     offset: bool = True
     gravity: bool = False
     temperature: bool = False
+    delays: bool = True
     drift_s: Annotated[float, quantity_in("s")] | None = Field(None, alias="drift", gt=0, examples=["30 s"])
     cogging_period: GivenQuantity | None = Field(None, examples=["0.01 m"])
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
@@ -13,6 +14,7 @@ from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.grid import Filters, Stretch, integral, slope
+from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
 
@@ -28,16 +30,50 @@ class Motion:
     acceleration: FloatArray
 
     @classmethod
-    def of(cls, stretch: Stretch, filters: Filters) -> "Motion":
-        """From the position or, where only velocity was logged, from that."""
+    def of(cls, stretch: Stretch, filters: Filters, later_s: float = 0.0) -> "Motion":
+        """From the position or, where only velocity was logged, from that; ``later_s`` after each instant.
+
+        What is moved in time has passed the low-pass: between its samples nothing is lost.
+        """
         dt_s = stretch.dt_s
         if "position" in stretch.columns:
-            position = filters.smooth(stretch.columns["position"])
+            position = moved(filters.smooth(stretch.columns["position"]), dt_s, later_s)
             velocity = slope(position, dt_s)
         else:
-            velocity = filters.smooth(stretch.columns["velocity"])
+            velocity = moved(filters.smooth(stretch.columns["velocity"]), dt_s, later_s)
             position = integral(velocity, dt_s)
         return cls(position, velocity, slope(velocity, dt_s))
+
+
+# Samples beyond what is asked for, so that the end of a spline is far away.
+BEYOND = 12
+
+
+def moved(values: FloatArray, dt_s: float, later_s: float) -> FloatArray:
+    """``later_s`` after each of evenly spaced samples (n,); beyond their ends they go on turned round, as filters
+    take them: a kink there would ring through every filter."""
+    if later_s == 0.0:
+        return values
+    reach = min(int(np.ceil(abs(later_s) / dt_s)) + BEYOND, len(values) - 1)
+    longer = np.concatenate(
+        [2 * values[0] - values[reach:0:-1], values, 2 * values[-1] - values[-2 : -reach - 2 : -1]]
+    )
+    at = np.arange(len(values)) + reach + later_s / dt_s
+    return np.asarray(make_interp_spline(np.arange(len(longer), dtype=np.float64), longer, k=5)(at))
+
+
+@dataclass(frozen=True)
+class Delays:
+    """What command and exertion of a row belong to: the motion so many seconds later. ``sought`` are those that the
+    equation has a column for."""
+
+    command_s: float = 0.0
+    exertion_s: float = 0.0
+    sought: tuple[str, ...] = ()
+
+    def reference_s(self, *, exertion: bool) -> float:
+        """How much later than its row the motion is taken: rows are those of the exertion, else of the command."""
+        return self.exertion_s if exertion else self.command_s
 
 
 @dataclass(frozen=True)
@@ -54,20 +90,32 @@ class Terms:
     sound: BoolArray
 
     @classmethod
-    def of(cls, stretch: Stretch, column_map: ColumnMap, filters: Filters) -> "Terms":
-        motion = Motion.of(stretch, filters)
+    def of(cls, stretch: Stretch, column_map: ColumnMap, filters: Filters, delays: Delays) -> "Terms":
         port = stretch.columns.get("exertion")
+        later_s = delays.reference_s(exertion=port is not None)
+        motion = Motion.of(stretch, filters, later_s)
+        drive = drive_of(stretch)
+        if drive is not None and delays.command_s != later_s:
+            since_s = stretch.dt_s * np.arange(len(drive))
+            drive = np.interp(since_s + later_s - delays.command_s, since_s, drive)
         return cls(
             motion=motion,
-            drive=drive_of(stretch),
+            drive=drive,
             gain=stretch.log.given("actuator", "torque_gain"),
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, motion, translation=column_map.translation),
             normal=stretch.columns.get("normal"),
             temperature=stretch.columns.get("temperature"),
-            sound=stretch.sound & enabled(stretch),
+            sound=stretch.sound & enabled(stretch) & _inside(stretch, delays),
         )
+
+
+def _inside(stretch: Stretch, delays: Delays) -> BoolArray:
+    """Where nothing that was moved in time came from beyond an end."""
+    reach = int(np.ceil(max(abs(delays.command_s), abs(delays.exertion_s)) / stretch.dt_s))
+    count = len(stretch.time_s)
+    return np.asarray((np.arange(count) >= reach) & (np.arange(count) < count - reach))
 
 
 def drive_of(stretch: Stretch) -> FloatArray | None:
@@ -139,6 +187,7 @@ def inputs_of(stretch: Stretch) -> Inputs:
 
 
 LEAST_ROWS = 30
+NO_DELAYS = Delays()
 
 
 @dataclass(frozen=True)
@@ -148,7 +197,7 @@ class Problem:
     ``known`` is the target and ``columns`` the others, at the samples' own rate. ``exertion`` (n,) is what the actuator
     exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
     errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion.
-    ``train`` and ``test`` (n,) are the split.
+    ``train`` and ``test`` (n,) are the split, ``pick`` (n,) the rows' samples, those of all stretches joined.
     """
 
     equation: Equation
@@ -161,6 +210,8 @@ class Problem:
     terms: tuple[Terms, ...]
     filters: Filters
     stretches: tuple[Stretch, ...]
+    delays: Delays
+    pick: IntArray
 
     @property
     def exertion_rms(self) -> float:
@@ -203,13 +254,14 @@ def make_problem(
     column_map: ColumnMap,
     parts: Sequence[Stretch],
     splits: Sequence[tuple[BoolArray, BoolArray]],
+    delays: Delays = NO_DELAYS,
 ) -> Problem:
     """``splits`` are the instants of each stretch to train and to test on.
 
     Raises ExperimentError where nothing is left to learn from.
     """
     filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
-    terms = tuple(Terms.of(part, column_map, filters) for part in parts)
+    terms = tuple(Terms.of(part, column_map, filters, delays) for part in parts)
     rows = Rows.of(terms, filters)
     train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
     if np.count_nonzero(train) < LEAST_ROWS:
@@ -218,14 +270,15 @@ def make_problem(
             "use a longer log, a wider --train, or a higher [filter] rate"
         )
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
-    columns = _others(column_map, parts, terms, scaled=scaled)
+    trained = [split[0] for split in splits]
+    columns = _others(column_map, parts, terms, trained, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
     time_s = np.concatenate([part.time_s for part in parts])[rows.pick]
     equation = Equation(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, rows.starts[:-1]),
+        path=_path(parts, terms, rows.starts[:-1], trained),
         fold=_folds(train),
         time_s=_running(time_s),
         process=rows.process,
@@ -241,6 +294,8 @@ def make_problem(
         terms=terms,
         filters=filters,
         stretches=tuple(parts),
+        delays=delays,
+        pick=rows.pick,
     )
 
 
@@ -273,7 +328,9 @@ def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
     return None if values[0] is None else np.concatenate(values)
 
 
-def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray) -> Path:
+def _path(
+    parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, trained: Sequence[BoolArray]
+) -> Path:
     return Path(
         dt_s=parts[0].dt_s,
         position=np.concatenate([term.motion.position for term in terms]),
@@ -281,6 +338,7 @@ def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray) ->
         starts=starts,
         load=_joined(terms, "normal"),
         temperature_c=_joined(terms, "temperature"),
+        trained=np.concatenate(trained),
     )
 
 
@@ -305,7 +363,12 @@ def _gained(term: Terms) -> FloatArray:
 
 
 def _others(
-    column_map: ColumnMap, parts: Sequence[Stretch], terms: Sequence[Terms], *, scaled: bool
+    column_map: ColumnMap,
+    parts: Sequence[Stretch],
+    terms: Sequence[Terms],
+    trained: Sequence[BoolArray],
+    *,
+    scaled: bool,
 ) -> dict[str, FloatArray]:
     """What is not friction and not known, as columns of the target. Raises UsageError for a temperature unknown."""
     model = column_map.model
@@ -325,9 +388,11 @@ def _others(
         warmth = _joined(terms, "temperature")
         if warmth is None:
             raise UsageError(f"{parts[0].log.place}: [model] temperature: the log holds none; leave it out of the map")
-        columns |= operators.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
+        velocity = np.concatenate([term.motion.velocity for term in terms])
+        columns |= operators.temperature(velocity, warmth, np.concatenate(trained))
     if model.drift_s is not None:
-        columns |= operators.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
+        places = [part.log.place for part in parts]
+        columns |= drift_columns(places, [part.time_s for part in parts], trained, model.drift_s)
     elif model.offset:
         columns["offset"] = -np.ones(position.size)
     return columns

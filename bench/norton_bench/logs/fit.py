@@ -10,12 +10,14 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction_laws import family_for
+from norton_bench.identification.friction_laws import FILMS, family_for
 from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
-from norton_bench.identification.ladder import Rung, ladder, selected
+from norton_bench.identification.ladder import Rung, selected
+from norton_bench.logs import delays as late
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
+from norton_bench.logs.estimate import estimated
 from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.outcome import Judged, outcome, refined
@@ -135,21 +137,24 @@ def fit_logs(request: Request) -> LogFit:
     logs = [_checked(path, column_map) for path in paths]
     _check_alike(logs)
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
-    parts, sentences = _on_grid(logs, column_map)
+    parts, sentences = _on_grid(logs, column_map, train, test)
     remarks += sentences
     splits = _splits(parts, train, test)
-    problem = make_problem(column_map, parts, splits)
-    if request.test is not None and not problem.test.any():
+    if request.test is not None and not any(split[1].any() for split in splits):
         raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
-    rungs = ladder(problem.equation, _models(request, problem), problem.train)
-    chosen = _chosen(request, rungs)
+    result = estimated(
+        lambda delays: make_problem(column_map, parts, splits, delays),
+        late.sought(column_map),
+        lambda problem: _models(request, problem),
+        lambda rungs: _chosen(request, rungs),
+    )
 
     def again(others: Sequence[Log]) -> Problem:
-        moved, _ = _on_grid(others, column_map)
+        moved, _ = _on_grid(others, column_map, train, test)
         return make_problem(column_map, moved, _splits(moved, train, test))
 
-    doubts = _doubts(column_map, logs, problem, chosen, again)
-    judged = Judged(column_map, problem, tuple(splits), rungs, chosen, doubts, tuple(remarks))
+    doubts = _doubts(column_map, logs, result.problem, result.chosen, again)
+    judged = Judged(column_map, result.problem, tuple(splits), result.rungs, result.chosen, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 
@@ -191,8 +196,12 @@ def _check_alike(logs: Sequence[Log]) -> None:
             raise UsageError(f"{log.place}: differs from {logs[0].place} in what it holds ({odd}); fit them apart")
 
 
-def _on_grid(logs: Sequence[Log], column_map: ColumnMap) -> tuple[tuple[Stretch, ...], list[str]]:
-    dt_s = common_interval(logs, column_map.log.rate_hz)
+def _on_grid(
+    logs: Sequence[Log], column_map: ColumnMap, train: Selection | None, test: Selection | None
+) -> tuple[tuple[Stretch, ...], list[str]]:
+    """The interval is that of the logs trained on: what is only predicted has no influence."""
+    trained = [log for log in logs if train_and_test(train, test, Path(log.place), log.time_s)[0].any()]
+    dt_s = common_interval(trained or logs, column_map.log.rate_hz)
     parts: list[Stretch] = []
     remarks: list[str] = []
     for log in logs:
@@ -222,7 +231,7 @@ def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
     if request.column_map.model.refine is not None:
         return (friction_model(FIRST_MODEL),)
     candidates = request.column_map.model.candidates
-    models = tuple(map(friction_model, candidates)) or family_for(problem.equation.path)
+    models = tuple(map(friction_model, candidates)) or (*family_for(problem.equation.path), *FILMS)
     asked = _asked(request)
     if asked is None or asked in {member.name for member in models}:
         return models

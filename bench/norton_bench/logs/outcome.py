@@ -222,7 +222,7 @@ def _estimates(
     column_map: ColumnMap, problem: Problem, fit: FrictionFit, *, doubtful: bool
 ) -> tuple[tuple[Estimate, ...], list[str]]:
     """The fit's values as a user wants them, and what is to be said of them."""
-    estimates = estimates_of(fit, column_map.units, problem.exertion_rms, doubtful=doubtful)
+    estimates = estimates_of(problem, fit, column_map.units, doubtful=doubtful)
     verdict: list[str] = []
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:

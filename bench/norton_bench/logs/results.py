@@ -10,6 +10,7 @@ from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.column_map import Units
+from norton_bench.logs.equation import Problem
 from norton_bench.models.parameters import Estimate, Status
 
 
@@ -56,7 +57,11 @@ class Step:
 
 @dataclass(frozen=True)
 class LogFit:
-    """One fit. ``doubtful`` says that the log contradicts itself or the equation: no estimate is then valid."""
+    """One fit. ``doubtful`` says that the log contradicts itself or the equation: no estimate is then valid.
+
+    ``totals`` are Coulomb and viscous friction in total, whatever the model. ``alarms`` say that the fit does not hold
+    on the test, and why.
+    """
 
     model: str
     estimates: tuple[Estimate, ...]
@@ -67,6 +72,8 @@ class LogFit:
     test: Errors
     ladder: tuple[Step, ...]
     exertion: Trace
+    totals: tuple[Estimate, ...] = ()
+    alarms: tuple[str, ...] = ()
 
 
 # An estimate less certain than this, relative to itself, is none.
@@ -74,9 +81,9 @@ UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
 PER_DEGREE = "_per_degree"
-# One of many elements of a contact, of which most may have no strength.
+# One of many elements of a contact, of which most may have no strength: their sum is what counts.
 ELEMENT = "slip_torque"
-SIGNED = ("coulomb_torque_",)
+DELAY = "_shift"
 
 
 # The values of a fit as estimates: each with a unit, a deviation and a status.
@@ -88,29 +95,34 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
     if name.endswith(PER_DEGREE):
         dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
         return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
-    known = {"torque_gain": units.gain, "inertia": units.inertia}
+    known = {"torque_gain": units.gain, "inertia": units.inertia, "command_shift": "s", "exertion_shift": "s"}
     return known.get(name, units.exertion)
 
 
-def estimates_of(fit: FrictionFit, units: Units, exertion_rms: float, *, doubtful: bool) -> tuple[Estimate, ...]:
-    """In the order of the fit, without what its model makes superfluous."""
+def estimates_of(problem: Problem, fit: FrictionFit, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
+    """In the order of the fit; delays with what has been put in place beforehand."""
+    done = {"command_shift": problem.delays.command_s, "exertion_shift": problem.delays.exertion_s}
     return tuple(
-        Estimate(name, float(value), float(std), unit_of(name, fit, units), status)
-        for name, value, std in zip(fit.names, fit.values, fit.deviations, strict=True)
-        if name not in fit.model.replaces
-        for status in (_status(name, float(value), float(std), fit, exertion_rms, doubtful=doubtful),)
+        Estimate(name, value, float(std), unit_of(name, fit, units), status)
+        for name, more, std in zip(fit.names, fit.values, fit.deviations, strict=True)
+        for value in (float(more) + done.get(name, 0.0),)
+        for status in (_status(name, value, float(std), fit, problem, doubtful=doubtful),)
     )
 
 
-def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms: float, *, doubtful: bool) -> Status:
+def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Problem, *, doubtful: bool) -> Status:
     if doubtful:
         return Status.DOUBTFUL
     if not fit.converged:
         return Status.NOT_CONVERGED
-    element = name.startswith(ELEMENT)
-    if (name in fit.at_bound and not element) or (name == "inertia" and value <= 0):
+    if name in fit.at_bound or (name == "inertia" and value <= 0):
         return Status.AT_BOUND
-    scale = max(abs(value), 0.1 * exertion_rms) if element or name.startswith((*MAY_VANISH, *SIGNED)) else abs(value)
+    scale = abs(value)
+    if name.startswith(MAY_VANISH):
+        scale = max(scale, 0.1 * problem.exertion_rms)
+    elif name.endswith(DELAY):
+        # To within a sample, no delay is as good to know as a delay.
+        scale = max(scale, problem.filters.dt_s)
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
 
 
@@ -122,7 +134,7 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
-    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, *SIGNED, ELEMENT))]
+    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(DELAY)]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
 
