@@ -104,7 +104,8 @@ def _fit_logs(
     fitted = fit_logs(request)
     report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, fitted)
     output.result(log_identification(fitted, paths, columns, report), log_summary(fitted, report))
-    return ExitCode.OK if fitted.converged and not fitted.doubtful else ExitCode.EXPERIMENT_FAILED
+    held = fitted.converged and not fitted.doubtful and not fitted.alarms
+    return ExitCode.OK if held else ExitCode.EXPERIMENT_FAILED
 
 
 def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> None:

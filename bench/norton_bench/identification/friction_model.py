@@ -191,7 +191,7 @@ class FrictionModel(Protocol):
         ...
 
 
-PRESLIDING = Unknown("presliding_displacement", Dimension.DISPLACEMENT, SHORTEST_TRAVEL, LONGEST_TRAVEL)
+PRESLIDING = Unknown("presliding_displacement", Dimension.DISPLACEMENT, SHORTEST_TRAVEL, 1.0)
 STRIBECK = Unknown("stribeck_velocity", Dimension.VELOCITY, 1e-3, 3.0)
 COULOMB = Term("coulomb_torque", Dimension.FRICTION)
 VISCOUS = Term("viscous_damping", Dimension.DAMPING)

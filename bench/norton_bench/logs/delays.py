@@ -6,21 +6,24 @@ was logged: it has passed a low-pass, and loses nothing between its samples.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Delays, Problem
 
 # How many samples a column may be late or early; what the coarse search steps by.
 LATEST_SAMPLES = 24
 COARSE = 2
-# The coarse search is believed where it leaves less than this share of the error at no delay.
-BELIEVED = 0.98
+# A delay is believed where it leaves less than this share of the error at no delay, and is as many deviations long:
+# whatever a model of friction lacks looks a little like one.
+BELIEVED = 0.95
+SURE = 3.0
 # The fine search: at most so many rounds, of so many samples each, until it moves by less than the last.
 ROUNDS = 6
 LONGEST_SAMPLES = 2.0
@@ -93,29 +96,73 @@ def found(problem: Problem, fit: FrictionFit) -> Delays:
     )
 
 
+def edge_s(problem: Problem) -> float:
+    """The deviation that no residual shows: friction turns round with the velocity, at a time that samples show to
+    within one of them, evenly distributed, at each reversal."""
+    path = problem.equation.path
+    velocity = path.velocity if path.trained is None else path.velocity[path.trained]
+    reversals = np.count_nonzero(np.diff(np.sign(velocity)))
+    return float(problem.filters.dt_s / np.sqrt(12 * max(reversals, 1)))
+
+
 def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Problem]) -> Delays:
     """The delays that the fitted friction asks for: first over whole samples, then within them.
 
-    ``fit`` is one of ``problem``, which is made again by ``again`` for other delays. Nothing is a delay where the
-    coarse search gains nothing and the fine one does not settle.
+    ``fit`` is one of ``problem``, which is made again by ``again`` for other delays. What is not surely late or early
+    is not ``sought`` any more.
     """
+    nowhere = Delays()
     delays = _coarse(problem, fit)
     dt_s = problem.filters.dt_s
     for _ in range(ROUNDS):
-        moved = with_columns(again(delays), fit)
-        equation, rows = moved.equation, moved.train
-        friction = equation.process(fit.model.columns(equation.path, fit.shape))
-        linear = linear_solution(np.concatenate([equation.others, -friction])[:, rows], equation.target[rows])
-        more = dict(zip(equation.names, linear, strict=False))
-        step = {name: _limited(float(more.get(name, 0.0)), LONGEST_SAMPLES * dt_s) for name in (COMMAND, EXERTION)}
+        here = _linear(with_columns(again(delays), fit), fit)
+        step = {name: _limited(here.values.get(name, 0.0), LONGEST_SAMPLES * dt_s) for name in (COMMAND, EXERTION)}
         delays = replace(
             delays,
             command_s=_limited(delays.command_s + step[COMMAND], LATEST_SAMPLES * dt_s),
             exertion_s=_limited(delays.exertion_s + step[EXERTION], LATEST_SAMPLES * dt_s),
         )
         if max(map(abs, step.values())) < SETTLED_SAMPLES * dt_s:
-            return delays
-    return problem.delays
+            break
+    else:
+        return nowhere
+    if not here.rms < BELIEVED * _linear(problem, fit).rms:
+        return nowhere
+    lengths = {COMMAND: delays.command_s, EXERTION: delays.exertion_s}
+    sure = [
+        name
+        for name in delays.sought
+        if abs(lengths[name + SHIFT]) > SURE * here.deviations.get(name + SHIFT, float("inf"))
+    ]
+    return replace(
+        delays,
+        command_s=delays.command_s if "command" in sure else 0.0,
+        exertion_s=delays.exertion_s if "exertion" in sure else 0.0,
+        sought=tuple(sure),
+    )
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Coefficients of an equation's columns beside friction of a given shape, and their deviations, by name."""
+
+    values: Mapping[str, float]
+    deviations: Mapping[str, float]
+    rms: float
+
+
+def _linear(problem: Problem, fit: FrictionFit) -> _Linear:
+    equation, rows = problem.equation, problem.train
+    friction = equation.process(fit.model.columns(equation.path, fit.shape))
+    columns = np.concatenate([equation.others, -friction])[:, rows]
+    linear = linear_solution(columns, equation.target[rows])
+    residual = equation.target[rows] - linear @ columns
+    deviations = np.sqrt(np.maximum(np.diag(sandwich(columns.T, residual, equation.time_s[rows])), 0.0))
+    return _Linear(
+        dict(zip(equation.names, linear.tolist(), strict=False)),
+        dict(zip(equation.names, deviations.tolist(), strict=False)),
+        float(np.sqrt(np.mean(residual**2))),
+    )
 
 
 def _limited(value: float, most: float) -> float:

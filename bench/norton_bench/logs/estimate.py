@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from norton_bench.identification.friction_fit import FrictionFit
+from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, FrictionModel
 from norton_bench.identification.ladder import Rung, fit_friction, ladder
 from norton_bench.logs import delays as late
@@ -12,6 +13,9 @@ from norton_bench.logs.starts import SCOUT, begun
 
 # Models that are near to any other as far as delays go, and quick.
 SCOUTS = ("coulomb-viscous", "stribeck-asymmetric", "film-asymmetric", SCOUT)
+PLAIN = "coulomb-viscous"
+# A log is of presliding if a contact that remembers leaves less than this share of what plain friction leaves.
+PRESLIDES = 1 / 3
 # The chosen model's own delays are put in place of those of the first one, so often at most, as long as they move by
 # more than this share of a sample and leave less.
 ROUNDS = 3
@@ -27,9 +31,25 @@ class Estimated:
     chosen: Rung
 
 
-def remembers(member: FrictionModel) -> bool:
+def remembers(law: FrictionModel) -> bool:
     """Whether its friction depends on the path."""
-    return any(unknown.dimension is Dimension.DISPLACEMENT for unknown in member.unknowns)
+    return any(unknown.dimension is Dimension.DISPLACEMENT for unknown in law.unknowns)
+
+
+def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple[FrictionModel, ...], str]:
+    """Those of the family that can describe the log at all, and a sentence about the others.
+
+    Where a contact that remembers leaves far less than friction of velocity alone, the log is of presliding, and no
+    law of velocity can foretell a record of it.
+    """
+    plain, scout = (fit_friction(problem.equation, member(name), problem.train) for name in (PLAIN, SCOUT))
+    kept = tuple(filter(remembers, family))
+    if not kept or not scout.rms < PRESLIDES * plain.rms:
+        return tuple(family), ""
+    return kept, (
+        f"Friction follows the path here: laws of velocity alone leave {plain.rms / scout.rms:.2g} times as much as a "
+        "contact that deflects, and are not compared."
+    )
 
 
 def estimated(
@@ -56,8 +76,8 @@ def estimated(
 
 def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> FrictionFit:
     """The scout that fits best among the candidates, or the simplest of these where there is none."""
-    scouts = [member for member in candidates if member.name in SCOUTS] or [candidates[0]]
-    return min((fit_friction(problem.equation, member, problem.train) for member in scouts), key=lambda fit: fit.rms)
+    scouts = [each for each in candidates if each.name in SCOUTS] or [candidates[0]]
+    return min((fit_friction(problem.equation, each, problem.train) for each in scouts), key=lambda fit: fit.rms)
 
 
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:

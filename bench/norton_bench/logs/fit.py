@@ -17,7 +17,7 @@ from norton_bench.identification.ladder import Rung, selected
 from norton_bench.logs import delays as late
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
-from norton_bench.logs.estimate import estimated
+from norton_bench.logs.estimate import comparable, estimated
 from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.outcome import Judged, outcome, refined
@@ -145,7 +145,7 @@ def fit_logs(request: Request) -> LogFit:
     result = estimated(
         lambda delays: make_problem(column_map, parts, splits, delays),
         late.sought(column_map),
-        lambda problem: _models(request, problem),
+        lambda problem: _models(request, problem, remarks),
         lambda rungs: _chosen(request, rungs),
     )
 
@@ -223,15 +223,17 @@ def _asked(request: Request) -> str | None:
     return None if asked == BEST else asked
 
 
-def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
+def _models(request: Request, problem: Problem, remarks: list[str]) -> tuple[FrictionModel, ...]:
     """The candidates of the map, or all that the log can tell, and the one that is asked for.
 
-    What is refined afterwards only needs a place to begin.
+    What is refined afterwards only needs a place to begin. What is not compared is added to the remarks.
     """
     if request.column_map.model.refine is not None:
         return (friction_model(FIRST_MODEL),)
-    candidates = request.column_map.model.candidates
-    models = tuple(map(friction_model, candidates)) or (*family_for(problem.equation.path), *FILMS)
+    models = tuple(map(friction_model, request.column_map.model.candidates))
+    if not models:
+        models, remark = comparable(problem, (*family_for(problem.equation.path), *FILMS))
+        remarks += [remark] if remark else []
     asked = _asked(request)
     if asked is None or asked in {member.name for member in models}:
         return models

@@ -9,7 +9,9 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
+from norton_bench.logs.between import Compared
 from norton_bench.logs.column_map import Units
+from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, edge_s
 from norton_bench.logs.equation import Problem
 from norton_bench.models.parameters import Estimate, Status
 
@@ -60,7 +62,7 @@ class LogFit:
     """One fit. ``doubtful`` says that the log contradicts itself or the equation: no estimate is then valid.
 
     ``totals`` are Coulomb and viscous friction in total, whatever the model. ``alarms`` say that the fit does not hold
-    on the test, and why.
+    on the test, and why. ``between`` are the parts of the training data, fitted apart.
     """
 
     model: str
@@ -74,6 +76,7 @@ class LogFit:
     exertion: Trace
     totals: tuple[Estimate, ...] = ()
     alarms: tuple[str, ...] = ()
+    between: Compared | None = None
 
 
 # An estimate less certain than this, relative to itself, is none.
@@ -83,7 +86,6 @@ MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
 PER_DEGREE = "_per_degree"
 # One of many elements of a contact, of which most may have no strength: their sum is what counts.
 ELEMENT = "slip_torque"
-DELAY = "_shift"
 
 
 # The values of a fit as estimates: each with a unit, a deviation and a status.
@@ -95,18 +97,19 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
     if name.endswith(PER_DEGREE):
         dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
         return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
-    known = {"torque_gain": units.gain, "inertia": units.inertia, "command_shift": "s", "exertion_shift": "s"}
+    known = {"torque_gain": units.gain, "inertia": units.inertia, COMMAND: "s", EXERTION: "s"}
     return known.get(name, units.exertion)
 
 
 def estimates_of(problem: Problem, fit: FrictionFit, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
     """In the order of the fit; delays with what has been put in place beforehand."""
-    done = {"command_shift": problem.delays.command_s, "exertion_shift": problem.delays.exertion_s}
+    done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
+    edge = dict.fromkeys(done, edge_s(problem))
     return tuple(
-        Estimate(name, value, float(std), unit_of(name, fit, units), status)
-        for name, more, std in zip(fit.names, fit.values, fit.deviations, strict=True)
-        for value in (float(more) + done.get(name, 0.0),)
-        for status in (_status(name, value, float(std), fit, problem, doubtful=doubtful),)
+        Estimate(name, value, std, unit_of(name, fit, units), status)
+        for name, more, deviation in zip(fit.names, fit.values, fit.deviations, strict=True)
+        for value, std in ((float(more) + done.get(name, 0.0), float(np.hypot(deviation, edge.get(name, 0.0)))),)
+        for status in (_status(name, value, std, fit, problem, doubtful=doubtful),)
     )
 
 
@@ -117,10 +120,12 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Prob
         return Status.NOT_CONVERGED
     if name in fit.at_bound or (name == "inertia" and value <= 0):
         return Status.AT_BOUND
+    if std == 0.0:
+        return Status.UNEXCITED  # nothing depends on it
     scale = abs(value)
     if name.startswith(MAY_VANISH):
         scale = max(scale, 0.1 * problem.exertion_rms)
-    elif name.endswith(DELAY):
+    elif name.endswith(SHIFT):
         # To within a sample, no delay is as good to know as a delay.
         scale = max(scale, problem.filters.dt_s)
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
@@ -134,7 +139,7 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
-    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(DELAY)]
+    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
 

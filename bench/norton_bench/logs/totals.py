@@ -13,12 +13,14 @@ from norton_bench.models.parameters import Estimate, Status
 SPEEDS = np.linspace(0.1, 0.9, 17)
 # Relative step of the differences that stand for derivatives by the shape.
 STEP = 0.02
+# A total less certain than this share of itself is none.
+UNSURE = 0.5
 
 
-def totals(problem: Problem, fit: FrictionFit, units: Units, *, scaled: bool, believed: bool) -> tuple[Estimate, ...]:
+def totals(problem: Problem, fit: FrictionFit, units: Units, *, believed: bool) -> tuple[Estimate, ...]:
     """``total_coulomb`` and ``total_viscous``: the mean friction of both directions in steady sliding is the first
     plus the second times the speed, best over the speeds that were trained on. None where nothing gives a scale."""
-    if not scaled:
+    if not problem.scaled:
         return ()
     weights = _lines(problem, fit, fit.shape)
     count = len(problem.equation.names)
@@ -35,13 +37,18 @@ def totals(problem: Problem, fit: FrictionFit, units: Units, *, scaled: bool, be
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     exertion, speed = units.exertion, f"{units.motion}/s"
     damping = {"rad/s": "N*m*s/rad", "m/s": "N*s/m"}[speed]
-    status = Status.VALID if believed and fit.converged else Status.DOUBTFUL
     return tuple(
-        Estimate(name, float(value), float(std), unit, status if value >= 0 else Status.DOUBTFUL)
+        Estimate(name, float(value), float(std), unit, _status(value, std, believed=believed and fit.converged))
         for name, value, std, unit in zip(
             ("total_coulomb", "total_viscous"), values, deviations, (exertion, damping), strict=True
         )
     )
+
+
+def _status(value: float, std: float, *, believed: bool) -> Status:
+    if not believed:
+        return Status.DOUBTFUL
+    return Status.VALID if std <= UNSURE * abs(value) else Status.UNEXCITED
 
 
 def _lines(problem: Problem, fit: FrictionFit, shape: FloatArray) -> FloatArray:
