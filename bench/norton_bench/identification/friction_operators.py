@@ -159,8 +159,8 @@ def part_sums(columns: FloatArray, target: FloatArray, part: IntArray) -> tuple[
     return gram, moment, power
 
 
-# What may stand in an equation of motion beside friction, as linear columns: cogging, temperature; and the hats of which
-# slow drift is made.
+# What may stand in an equation of motion beside friction, as linear columns: cogging, temperature, and hats for slow
+# drift.
 #
 # Every column has the sign of what it takes off the exertion, and is on the path's own rate.
 def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:

@@ -91,9 +91,7 @@ def found(problem: Problem, fit: FrictionFit) -> Delays:
     """The delays of ``problem``, and what the fit of it finds beyond them."""
     more = {name: fit.value(name) if name in fit.names else 0.0 for name in (COMMAND, EXERTION)}
     delays = problem.delays
-    return replace(
-        delays, command_s=delays.command_s + more[COMMAND], exertion_s=delays.exertion_s + more[EXERTION]
-    )
+    return replace(delays, command_s=delays.command_s + more[COMMAND], exertion_s=delays.exertion_s + more[EXERTION])
 
 
 def edge_s(problem: Problem) -> float:
@@ -188,12 +186,11 @@ def _coarse(problem: Problem, fit: FrictionFit) -> Delays:
     reach = range(-LATEST_SAMPLES, LATEST_SAMPLES + 1, COARSE)
     for _ in range(PASSES if len(best) > 1 else 1):
         for name in best:
-            best[name] = min(reach, key=lambda samples: left(best | {name: samples}))  # noqa: B023
+            errors = [left(best | {name: samples}) for samples in reach]
+            best[name] = reach[int(np.argmin(errors))]
     if not left(best) < BELIEVED * left(nowhere):
         best = nowhere
-    return replace(
-        problem.delays, command_s=dt_s * best.get("command", 0), exertion_s=dt_s * best.get("exertion", 0)
-    )
+    return replace(problem.delays, command_s=dt_s * best.get("command", 0), exertion_s=dt_s * best.get("exertion", 0))
 
 
 def _rolled(problem: Problem, samples: Mapping[str, int]) -> tuple[FloatArray, FloatArray]:

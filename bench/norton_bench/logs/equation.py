@@ -55,9 +55,7 @@ def moved(values: FloatArray, dt_s: float, later_s: float) -> FloatArray:
     if later_s == 0.0:
         return values
     reach = min(int(np.ceil(abs(later_s) / dt_s)) + BEYOND, len(values) - 1)
-    longer = np.concatenate(
-        [2 * values[0] - values[reach:0:-1], values, 2 * values[-1] - values[-2 : -reach - 2 : -1]]
-    )
+    longer = np.concatenate([2 * values[0] - values[reach:0:-1], values, 2 * values[-1] - values[-2 : -reach - 2 : -1]])
     at = np.arange(len(values)) + reach + later_s / dt_s
     return np.asarray(make_interp_spline(np.arange(len(longer), dtype=np.float64), longer, k=5)(at))
 
@@ -328,9 +326,7 @@ def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
     return None if values[0] is None else np.concatenate(values)
 
 
-def _path(
-    parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, trained: Sequence[BoolArray]
-) -> Path:
+def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, trained: Sequence[BoolArray]) -> Path:
     return Path(
         dt_s=parts[0].dt_s,
         position=np.concatenate([term.motion.position for term in terms]),

@@ -139,7 +139,11 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
-    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)]
+    names = [
+        name
+        for name in fit.names
+        if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)
+    ]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.identification.friction_fit import FrictionFit
-from norton_bench.identification.friction_model import Equation, Path
-from norton_bench.identification.ladder import fit_friction
 from norton_bench.identification.friction_laws import model
+from norton_bench.identification.friction_model import Path
+from norton_bench.identification.ladder import fit_friction
 from norton_bench.logs.equation import Problem
 
 # What tells how tense the contacts are, whatever model is fitted afterwards: two numbers of shape, no drift in between.
@@ -73,7 +73,7 @@ def _lowest(trials: FloatArray, costs: FloatArray) -> FloatArray:
     before, here, after = (costs[at + step, which] for step in (-1, 0, 1))
     bend = before - 2 * here + after
     offset = np.where(bend > 0, 0.5 * (before - after) / np.where(bend > 0, bend, 1.0), 0.0)
-    return np.clip(trials[at] + np.clip(offset, -1.0, 1.0) * (trials[1] - trials[0]), -1.0, 1.0)
+    return np.asarray(np.clip(trials[at] + np.clip(offset, -1.0, 1.0) * (trials[1] - trials[0]), -1.0, 1.0))
 
 
 def _first_rows(problem: Problem, starts: IntArray) -> list[IntArray]:
@@ -90,7 +90,7 @@ def _first_rows(problem: Problem, starts: IntArray) -> list[IntArray]:
 def _cuts(problem: Problem) -> IntArray:
     """The samples at which another fold begins."""
     fold = problem.equation.fold
-    return problem.pick[1:][np.diff(fold) != 0]
+    return np.asarray(problem.pick[1:][np.diff(fold) != 0])
 
 
 def _settled(problem: Problem, cuts: IntArray) -> BoolArray:

@@ -56,7 +56,7 @@ def _lines(problem: Problem, fit: FrictionFit, shape: FloatArray) -> FloatArray:
     path = problem.equation.path
     trained = slice(None) if path.trained is None else path.trained
     speed = np.abs(path.velocity[trained])
-    speeds = np.quantile(speed[speed > 0], SPEEDS)
+    speeds = np.asarray(np.quantile(speed[speed > 0], SPEEDS), dtype=np.float64)
     load = None if path.load is None else np.full(speeds.size, np.mean(np.abs(path.load[trained])))
     columns = [sign * fit.model.columns(_sliding(path, sign, speeds, load), shape) for sign in (1.0, -1.0)]
     line = np.linalg.pinv(np.stack([np.ones(speeds.size), speeds], axis=1))
@@ -65,5 +65,12 @@ def _lines(problem: Problem, fit: FrictionFit, shape: FloatArray) -> FloatArray:
 
 def _sliding(path: Path, sign: float, speeds: FloatArray, load: FloatArray | None) -> Path:
     """Steady sliding at each speed: steps so long that every contact has turned over."""
-    way = 10.0 * path.displacement_scale * np.arange(1, speeds.size + 1)
-    return Path(path.dt_s, sign * way, sign * speeds, np.zeros(1, dtype=np.int64), load=load, shares=np.array([sign]))
+    way = 10.0 * path.displacement_scale * np.arange(1.0, speeds.size + 1.0)
+    return Path(
+        path.dt_s,
+        np.asarray(sign * way, dtype=np.float64),
+        sign * speeds,
+        np.zeros(1, dtype=np.int64),
+        load=load,
+        shares=np.array([sign]),
+    )
