@@ -99,8 +99,8 @@ def edge_s(problem: Problem) -> float:
     within one of them, evenly distributed, at each reversal."""
     path = problem.equation.path
     velocity = path.velocity if path.trained is None else path.velocity[path.trained]
-    reversals = np.count_nonzero(np.diff(np.sign(velocity)))
-    return float(problem.filters.dt_s / np.sqrt(12 * max(reversals, 1)))
+    reversals = float(np.count_nonzero(np.diff(np.sign(velocity))))
+    return float(problem.filters.dt_s / np.sqrt(12 * max(reversals, 1.0)))
 
 
 def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Problem]) -> Delays:

@@ -196,6 +196,7 @@ class Problem:
     exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
     errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion.
     ``train`` and ``test`` (n,) are the split, ``pick`` (n,) the rows' samples, those of all stretches joined.
+    ``drift_s`` is the map's.
     """
 
     equation: Equation
@@ -210,6 +211,7 @@ class Problem:
     stretches: tuple[Stretch, ...]
     delays: Delays
     pick: IntArray
+    drift_s: float | None
 
     @property
     def exertion_rms(self) -> float:
@@ -294,6 +296,7 @@ def make_problem(
         stretches=tuple(parts),
         delays=delays,
         pick=rows.pick,
+        drift_s=column_map.model.drift_s,
     )
 
 

@@ -34,56 +34,72 @@ from norton_bench.logs.sanity_checks import (
 )
 from norton_bench.units import NUMBER, parse_quantity
 
-PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
+WINDOW = rf"({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)"
+PART = re.compile(rf"\s*(?:(\S.*?)\s+)?{WINDOW}\s*")
 
 
-# ``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
+# ``--train`` and ``--test``: parts of the time ("0:12.5 s, 20:30 s"), files by name or pattern, or both
+# ("a*.csv 0:5 s").
+@dataclass(frozen=True)
+class Piece:
+    """Part of the time of the files that a pattern names; all files, or all of the time, where one is not given."""
+
+    pattern: str | None
+    first_s: float = -float("inf")
+    last_s: float = float("inf")
+
+    def names(self, path: Path) -> bool:
+        """Whether the pattern is that of the file, by its name or by its path."""
+        each = self.pattern
+        return each is None or path.match(each) or fnmatch(path.name, each) or fnmatch(str(path), each)
+
+
 @dataclass(frozen=True)
 class Selection:
-    """Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty."""
+    """What any of its pieces names; times are each log's own, in seconds."""
 
-    parts_s: tuple[tuple[float, float], ...] = ()
-    files: tuple[str, ...] = ()
+    pieces: tuple[Piece, ...]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Every pattern."""
+        return tuple(piece.pattern for piece in self.pieces if piece.pattern is not None)
 
     def of(self, path: Path, time_s: FloatArray) -> BoolArray:
         """Which instants of the log at ``path`` are chosen, shape (n,)."""
-        if self.files:
-            return np.full(time_s.shape, self.names(path))
-        return np.asarray(np.any([(time_s >= first) & (time_s < last) for first, last in self.parts_s], axis=0))
+        chosen = np.zeros(time_s.shape, dtype=bool)
+        for piece in self.pieces:
+            if piece.names(path):
+                chosen |= (time_s >= piece.first_s) & (time_s < piece.last_s)
+        return chosen
 
     def names(self, path: Path) -> bool:
-        """Whether a pattern is that of the file, by its name or by its path."""
-        return any(path.match(each) or fnmatch(path.name, each) or fnmatch(str(path), each) for each in self.files)
+        """Whether any of the file can be chosen."""
+        return any(piece.names(path) for piece in self.pieces)
 
 
 def parse_selection(text: str, where: str) -> Selection:
     """Raises UsageError in a sentence; ``where`` is the option or key that says it."""
-    pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
-    if not pieces:
+    written = [piece.strip() for piece in text.split(",") if piece.strip()]
+    if not written:
         raise UsageError(f'{where}: is empty; write it like "0:12.5 s", or name files')
-    timed = [PART.fullmatch(piece) for piece in pieces]
-    if not any(timed):
-        return Selection(files=tuple(pieces))
-    unit = next((match[3] for match in reversed(timed) if match and match[3]), "s")
-    parts = []
-    for piece, match in zip(pieces, timed, strict=True):
-        if match is None:
-            raise UsageError(f'{where}: "{piece}" is no part of the time; write either parts like "0:12.5 s" or files')
-        parts.append(_part(match, unit, piece, where))
-    return Selection(parts_s=tuple(parts))
+    matches = [PART.fullmatch(piece) for piece in written]
+    unit = next((match[4] for match in reversed(matches) if match and match[4]), "s")
+    pairs = zip(written, matches, strict=True)
+    return Selection(tuple(Piece(text) if match is None else _part(match, unit, text, where) for text, match in pairs))
 
 
-def _part(match: re.Match[str], unit: str, piece: str, where: str) -> tuple[float, float]:
+def _part(match: re.Match[str], unit: str, piece: str, where: str) -> Piece:
     try:
         first, last = (
-            float(default) if written is None else parse_quantity(f"{written} {match[3] or unit}", "s")
-            for written, default in ((match[1], "-inf"), (match[2], "inf"))
+            float(default) if written is None else parse_quantity(f"{written} {match[4] or unit}", "s")
+            for written, default in ((match[2], "-inf"), (match[3], "inf"))
         )
     except ValueError as wrong:
         raise UsageError(f"{where}: {wrong}") from None
     if first >= last:
         raise UsageError(f'{where}: "{piece}" ends before it begins; write it like "0:12.5 s"')
-    return first, last
+    return Piece(match[1], first, last)
 
 
 def extra_files(selection: Selection | None, paths: Sequence[Path]) -> tuple[Path, ...]:
@@ -180,9 +196,10 @@ def _selection(text: str | None, where: str) -> Selection | None:
 
 def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) -> None:
     for selection in selections:
-        if selection is not None and selection.files and not any(map(selection.names, paths)):
-            known = ", ".join(path.name for path in paths[:5])
-            raise UsageError(f'--train, --test: no log is named "{", ".join(selection.files)}"; there are {known}')
+        for piece in selection.pieces if selection is not None else ():
+            if not any(map(piece.names, paths)):
+                known = ", ".join(path.name for path in paths[:5])
+                raise UsageError(f'--train, --test: no log is named "{piece.pattern}"; there are {known}')
 
 
 def _checked(path: Path, column_map: ColumnMap) -> Log:

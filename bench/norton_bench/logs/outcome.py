@@ -15,6 +15,7 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
+from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
     ErrorFigures,
     Errors,
@@ -202,6 +203,7 @@ def outcome(judged: Judged) -> LogFit:
         totals=totals(problem, fit, column_map.units, believed=not doubtful),
         alarms=wrong,
         between=parts,
+        predictions=predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive),
     )
 
 

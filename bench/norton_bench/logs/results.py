@@ -13,6 +13,7 @@ from norton_bench.logs.between import Compared
 from norton_bench.logs.column_map import Units
 from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, edge_s
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.predictions import Predictions
 from norton_bench.models.parameters import Estimate, Status
 
 
@@ -77,6 +78,7 @@ class LogFit:
     totals: tuple[Estimate, ...] = ()
     alarms: tuple[str, ...] = ()
     between: Compared | None = None
+    predictions: Predictions | None = None
 
 
 # An estimate less certain than this, relative to itself, is none.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.logs.fit import Request, fit_logs, parse_selection
 from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, LOADED, Columns, Machine, column_map, estimate, fit_of, write_csv
 
@@ -236,13 +236,26 @@ def test_train_and_test_by_file(tmp_path: Path) -> None:
         ("nowhere.csv", 'no log is named "nowhere.csv"'),
         (" ", "--train: is empty"),
         ("30:40 s", "0 rows are left to learn from"),
-        ("0:3, x", '--train: "x" is no part of the time'),
+        ("0:3, x", 'no log is named "x"'),
+        ("log.csv 5:3 s", '"log.csv 5:3 s" ends before it begins'),
     ],
 )
 def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -> None:
     with pytest.raises(BenchError) as raised:
         fit_of(tmp_path, TRUE.log(), train=train)
     assert said in str(raised.value)
+
+
+def test_every_file_may_have_windows_of_its_own(tmp_path: Path) -> None:
+    paths = [write_csv(tmp_path / f"{name}.csv", TRUE.log()) for name in ("a1", "a2", "b")]
+    request = Request(tuple(paths), column_map(FREE), train="a* 0:8 s, b.csv 5:7 s, b.csv 9:10 s", test="b.csv 12: s")
+    times = {path.name: np.arange(0.05, 20.0, 0.1) for path in paths}
+    assert request.train is not None
+    chosen = parse_selection(request.train, "--train")
+    assert [int(chosen.of(path, times[path.name]).sum()) for path in paths] == [80, 80, 30]
+    fit = fit_logs(request)
+    near(fit, **ALL)
+    assert fit.test.exertion is not None
 
 
 def test_the_ladder_lists_every_model_and_the_best_is_the_true_one(tmp_path: Path) -> None:
