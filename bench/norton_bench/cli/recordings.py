@@ -12,9 +12,7 @@ from norton_bench.errors import ExitCode, UsageError
 
 RECORDING_SUFFIX = ".mcap"
 
-Source = Annotated[
-    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or with --columns logs of other programs.")
-]
+Source = Annotated[Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or logs of other programs.")]
 Columns = Annotated[
     Path | None, Parameter(help="Column map (TOML) of logs of other programs; without it, one is proposed.")
 ]
@@ -117,7 +115,7 @@ def _fit_logs(paths: tuple[Path, ...], split: Split, model: str | None, files: F
     request = Request(paths, column_map, split.train, split.test, model)
     fitted = fit_logs(request)
     if files.predict is not None:
-        write_predictions(files.predict, fitted)
+        write_predictions(files.predict, fitted.predictions)
         output.say(f"predictions: {files.predict}")
     report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, fitted)
     output.result(log_identification(fitted, paths, columns, report), log_summary(fitted, report))

@@ -144,21 +144,24 @@ def _by_motion(content: Content, guesses: dict[str, Guess]) -> tuple[dict[str, G
     time_s = time * conversion(result["time"].unit, "s")[0]
     if {"position", "velocity"} <= set(guesses):
         sentences += _velocity(content, time_s, result)
-    for what, unit in (
-        ("position", "rad"),
-        ("velocity", "rad/s"),
-        ("goal", result.get("position", Guess("", "")).unit),
-    ):
+    for what, unit in _assumed(result).items():
         if what in result and not result[what].unit:
-            length = result.get("position", Guess("", "")).unit in LENGTHS
-            assumed = {"rad/s": "m/s"}.get(unit, unit) if length else unit or "rad"
-            result[what] = replace(result[what], unit=assumed)
-            sentences.append(f'the {what} "{result[what].name}" is taken to be in {assumed}, for nothing tells.')
-    if "exertion" in result and not result["exertion"].unit:
-        unit = "N" if _translation(result) else "N*m"
-        result["exertion"] = replace(result["exertion"], unit=unit)
-        sentences.append(f'the exertion "{result["exertion"].name}" is taken to be in {unit}, for nothing tells.')
+            result[what] = replace(result[what], unit=unit)
+            sentences.append(f'the {what} "{result[what].name}" is taken to be in {unit}, for nothing tells.')
     return result, sentences
+
+
+def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
+    """The units of what neither a name nor another column tells."""
+    length = _translation(guesses)
+    position = guesses["position"].unit if "position" in guesses else ""
+    return {
+        "position": "m" if length else "rad",
+        "velocity": "m/s" if length else "rad/s",
+        "goal": position or ("m" if length else "rad"),
+        "exertion": "N" if length else "N*m",
+        "temperature": "degC",
+    }
 
 
 def _velocity(content: Content, time_s: FloatArray, result: dict[str, Guess]) -> list[str]:
@@ -198,14 +201,13 @@ def _translation(guesses: Mapping[str, Guess]) -> bool:
 
 
 def _by_power(log: Path, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
-    """The sign of what drives: turned if inertia and friction come out negative as it is, and do not if it is turned."""
+    """The sign of what drives: turned if inertia or friction come out negative as it is, and do not then."""
     what = "exertion" if "exertion" in guesses else "command"
     turned = guesses | {what: replace(guesses[what], sign=-guesses[what].sign)}
     try:
         if not _sound(log, guesses) and _sound(log, turned):
-            return turned, [
-                f'the sign of the {what} "{guesses[what].name}" is turned: else friction would drive the motion.'
-            ]
+            name = guesses[what].name
+            return turned, [f'the sign of the {what} "{name}" is turned: else friction would drive the motion.']
     except BenchError:
         pass  # the fit itself says what is wrong
     return guesses, []
