@@ -42,6 +42,8 @@ def read_text_table(path: Path, section: LogSection) -> TextTable:
     lines = _lines(path, section.skip)
     separator = section.separator or _separator(lines)
     first = _first_row(lines, separator)
+    if first == len(lines):
+        raise UsageError(_no_table(path))
     header = _header(lines[:first], separator, section)
     rows = lines[first:]
     width = _width(header, rows, separator)
@@ -59,6 +61,10 @@ def read_text_table(path: Path, section: LogSection) -> TextTable:
     return TextTable(names, table.columns, remarks)
 
 
+def _no_table(path: Path) -> str:
+    return f"{path} is not an MCAP recording, and holds no table of numbers; name a .mcap file, or a log"
+
+
 def _lines(path: Path, skip: int) -> list[tuple[int, str]]:
     """Number and text of every line that is neither empty nor a comment; that of the header may be one."""
     raw = path.read_bytes()
@@ -71,7 +77,7 @@ def _lines(path: Path, skip: int) -> list[tuple[int, str]]:
     if marked and kept and marked[-1][0] < kept[0][0]:
         kept.insert(0, marked[-1])
     if not kept:
-        raise UsageError(f"{path}: holds no column of numbers; check the file")
+        raise UsageError(_no_table(path))
     return kept
 
 

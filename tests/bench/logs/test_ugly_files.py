@@ -81,7 +81,7 @@ def test_a_row_with_more_cells_than_columns_is_named_with_its_line(tmp_path: Pat
 def test_a_file_of_words_is_no_table(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("# nothing\n\n# at all\n")
-    with pytest.raises(UsageError, match="holds no column of numbers"):
+    with pytest.raises(UsageError, match="holds no table of numbers"):
         read_file(path, SECTION)
 
 
