@@ -87,7 +87,9 @@ class LoadDependent:
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
         """Raises UsageError where the load is not known."""
         if path.load is None:
-            raise UsageError('friction "load-dependent" needs the load that is transmitted: map a column to it')
+            raise UsageError(
+                'friction "load-dependent" needs the load: map a column to normal, load or exertion, or give [load]'
+            )
         side = np.sign(path.velocity)
         return np.stack([path.velocity, side, side * np.abs(path.load)])
 

@@ -116,6 +116,7 @@ class ColumnsSection(MapSection):
     supply: ColumnSection | None = Field(None, examples=[{"name": "volts", "unit": "V"}])
     temperature: ColumnSection | None = Field(None, examples=[{"name": "temp", "unit": "degC"}])
     normal: ColumnSection | None = Field(None, examples=[{"name": "normal", "unit": "N"}])
+    load: ColumnSection | None = Field(None, examples=[{"name": "gear_torque", "unit": "N*m"}])
 
 
 class ActuatorSection(MapSection):
@@ -222,6 +223,7 @@ class Units:
             "supply": "V",
             "temperature": "degC",
             "normal": "N",
+            "load": self.exertion,
         }
 
     @property

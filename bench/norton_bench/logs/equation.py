@@ -76,14 +76,17 @@ class Delays:
 
 @dataclass(frozen=True)
 class Terms:
-    """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown."""
+    """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown.
+
+    ``pressing`` is what presses on the surfaces that rub, None where nothing tells.
+    """
 
     motion: Motion
     drive: FloatArray | None
     gain: float | None
     port: FloatArray | None
     load: FloatArray | None
-    normal: FloatArray | None
+    pressing: FloatArray | None
     temperature: FloatArray | None
     sound: BoolArray
 
@@ -103,10 +106,21 @@ class Terms:
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, motion, translation=column_map.translation),
-            normal=stretch.columns.get("normal"),
+            pressing=_pressing(stretch, motion, port, translation=column_map.translation),
             temperature=stretch.columns.get("temperature"),
             sound=stretch.sound & enabled(stretch) & _inside(stretch, delays),
         )
+
+
+def _pressing(stretch: Stretch, motion: Motion, port: FloatArray | None, *, translation: bool) -> FloatArray | None:
+    """What friction that depends on the load depends on: the normal force, or what the gears transmit.
+
+    That is logged, or is what the sensor at the port measures, or what the known load asks for.
+    """
+    for name in ("normal", "load"):
+        if name in stretch.columns:
+            return stretch.columns[name]
+    return port if port is not None else _known_load(stretch, motion, translation=translation)
 
 
 def _inside(stretch: Stretch, delays: Delays) -> BoolArray:
@@ -335,7 +349,7 @@ def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, tr
         position=np.concatenate([term.motion.position for term in terms]),
         velocity=np.concatenate([term.motion.velocity for term in terms]),
         starts=starts,
-        load=_joined(terms, "normal"),
+        load=_joined(terms, "pressing"),
         temperature_c=_joined(terms, "temperature"),
         trained=np.concatenate(trained),
     )
