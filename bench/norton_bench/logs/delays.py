@@ -1,8 +1,8 @@
 """The delay of command and exertion against the motion: searched within samples, and an unknown of the equation.
 
-The equation has a column for each delay: how what was logged changes with it, as the fitted motion says. That takes
-neither the noise of the logged column nor one that an interpolation would smooth. The motion is moved instead of what
-was logged: it has passed a low-pass, and loses nothing between its samples.
+The equation has a column for each delay: how what was logged changes with it, as the fitted motion says, or as it was
+logged behind a low-pass. The motion is moved instead of what was logged: it has passed a low-pass, and loses nothing
+between its samples. So no error becomes smaller only because an interpolation smooths noise.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,9 +25,11 @@ COARSE = 2
 BELIEVED = 0.95
 SURE = 3.0
 # The fine search: at most so many rounds, of so many samples each, until it moves by less than the last.
-ROUNDS = 6
+ROUNDS = 12
+# Or until it is as near as this share of its deviation: where friction turns round, samples make the error rough.
+NEAR = 0.5
 LONGEST_SAMPLES = 2.0
-SETTLED_SAMPLES = 0.01
+SETTLED_SAMPLES = 0.02
 # Passes over the two columns where both may be late.
 PASSES = 2
 
@@ -55,7 +57,10 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
 
 
 def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
-    """Change of the target with what each of the columns would have had so much later, at the samples' rate."""
+    """Change of the target with what each of the columns would have had so much later, at the samples' rate.
+
+    What a port takes may be a small difference of drive and demand, so that there the logged columns tell better.
+    """
     demand = -_moving(problem, fit)
     dt_s = problem.filters.dt_s
     ends = np.cumsum([len(term.sound) for term in problem.terms])[:-1]
@@ -65,13 +70,13 @@ def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
 
     if problem.terms[0].port is None:
         return {"command": -rate(demand)}
-    if problem.terms[0].drive is None:
-        return {"exertion": -rate(demand)}
-    gain = problem.terms[0].gain
-    gain = fit.value("torque_gain") if gain is None else gain
-    smooth = [problem.filters.smooth(term.drive) for term in problem.terms if term.drive is not None]
-    drive = gain * rate(np.concatenate(smooth))
-    return {"command": -drive, "exertion": drive - rate(demand)}
+    smooth = problem.filters.smooth
+    slopes = {"exertion": rate(np.concatenate([smooth(term.port) for term in problem.terms if term.port is not None]))}
+    if problem.terms[0].drive is not None:
+        gain = fit.value("torque_gain") if problem.terms[0].gain is None else problem.terms[0].gain
+        drive = [smooth(term.drive) for term in problem.terms if term.drive is not None]
+        slopes["command"] = -gain * rate(np.concatenate(drive))
+    return slopes
 
 
 def _moving(problem: Problem, fit: FrictionFit) -> FloatArray:
@@ -120,7 +125,8 @@ def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Probl
             command_s=_limited(delays.command_s + step[COMMAND], LATEST_SAMPLES * dt_s),
             exertion_s=_limited(delays.exertion_s + step[EXERTION], LATEST_SAMPLES * dt_s),
         )
-        if max(map(abs, step.values())) < SETTLED_SAMPLES * dt_s:
+        settled = {name: max(SETTLED_SAMPLES * dt_s, NEAR * here.deviations.get(name, 0.0)) for name in step}
+        if all(abs(step[name]) < settled[name] for name in step):
             break
     else:
         return nowhere
