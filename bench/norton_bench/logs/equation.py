@@ -352,6 +352,7 @@ def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, tr
         load=_joined(terms, "pressing"),
         temperature_c=_joined(terms, "temperature"),
         trained=np.concatenate(trained),
+        reversals_between=True,
     )
 
 
