@@ -15,7 +15,8 @@ from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.equation import Delays, Problem
+from norton_bench.logs.equation import Problem
+from norton_bench.logs.motion import Delays
 
 # How many samples a column may be late or early; what the coarse search steps by.
 LATEST_SAMPLES = 24

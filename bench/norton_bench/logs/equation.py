@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError, UsageError
@@ -13,7 +12,8 @@ from norton_bench.identification import friction_operators as operators
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.grid import Filters, Stretch, integral, slope
+from norton_bench.logs.grid import Filters, Stretch
+from norton_bench.logs.motion import Delays, Motion
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
@@ -21,59 +21,6 @@ from norton_bench.logs.steps import Inputs, Load, Loop
 # What a stretch's columns mean in the equation of motion: motion, drive, and what the known load asks for.
 #
 # τ = gain · drive − inertia · a − friction − offset − load τ at the port, zero where it is free
-@dataclass(frozen=True)
-class Motion:
-    """Filtered motion of one stretch, arrays (n,)."""
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-
-    @classmethod
-    def of(cls, stretch: Stretch, filters: Filters, later_s: float = 0.0) -> "Motion":
-        """From the position or, where only velocity was logged, from that; ``later_s`` after each instant.
-
-        What is moved in time has passed the low-pass: between its samples nothing is lost.
-        """
-        dt_s = stretch.dt_s
-        if "position" in stretch.columns:
-            position = moved(filters.smooth(stretch.columns["position"]), dt_s, later_s)
-            velocity = slope(position, dt_s)
-        else:
-            velocity = moved(filters.smooth(stretch.columns["velocity"]), dt_s, later_s)
-            position = integral(velocity, dt_s)
-        return cls(position, velocity, slope(velocity, dt_s))
-
-
-# Samples beyond what is asked for, so that the end of a spline is far away.
-BEYOND = 12
-
-
-def moved(values: FloatArray, dt_s: float, later_s: float) -> FloatArray:
-    """``later_s`` after each of evenly spaced samples (n,); beyond their ends they go on turned round, as filters
-    take them: a kink there would ring through every filter."""
-    if later_s == 0.0:
-        return values
-    reach = min(int(np.ceil(abs(later_s) / dt_s)) + BEYOND, len(values) - 1)
-    longer = np.concatenate([2 * values[0] - values[reach:0:-1], values, 2 * values[-1] - values[-2 : -reach - 2 : -1]])
-    at = np.arange(len(values)) + reach + later_s / dt_s
-    return np.asarray(make_interp_spline(np.arange(len(longer), dtype=np.float64), longer, k=5)(at))
-
-
-@dataclass(frozen=True)
-class Delays:
-    """What command and exertion of a row belong to: the motion so many seconds later. ``sought`` are those that the
-    equation has a column for."""
-
-    command_s: float = 0.0
-    exertion_s: float = 0.0
-    sought: tuple[str, ...] = ()
-
-    def reference_s(self, *, exertion: bool) -> float:
-        """How much later than its row the motion is taken: rows are those of the exertion, else of the command."""
-        return self.exertion_s if exertion else self.command_s
-
-
 @dataclass(frozen=True)
 class Terms:
     """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown.
@@ -264,11 +211,11 @@ class Rows:
         return np.asarray(np.concatenate(pieces, axis=1)[:, self.pick])
 
 
+Splits = Sequence[tuple[BoolArray, BoolArray]]
+
+
 def make_problem(
-    column_map: ColumnMap,
-    parts: Sequence[Stretch],
-    splits: Sequence[tuple[BoolArray, BoolArray]],
-    delays: Delays = NO_DELAYS,
+    column_map: ColumnMap, parts: Sequence[Stretch], splits: Splits, delays: Delays = NO_DELAYS
 ) -> Problem:
     """``splits`` are the instants of each stretch to train and to test on.
 
@@ -278,23 +225,17 @@ def make_problem(
     terms = tuple(Terms.of(part, column_map, filters, delays) for part in parts)
     rows = Rows.of(terms, filters)
     train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
-    if np.count_nonzero(train) < LEAST_ROWS:
-        raise ExperimentError(
-            f"{parts[0].log.place}: {np.count_nonzero(train)} rows are left to learn from, {LEAST_ROWS} are the least; "
-            "use a longer log, a wider --train, or a higher [filter] rate"
-        )
+    _check_enough(parts, int(np.count_nonzero(train)))
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
-    trained = [split[0] for split in splits]
-    columns = _others(column_map, parts, terms, trained, scaled=scaled)
+    columns = _others(column_map, parts, terms, [split[0] for split in splits], scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
-    time_s = np.concatenate([part.time_s for part in parts])[rows.pick]
     equation = Equation(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, rows.starts[:-1], trained),
+        path=_path(parts, terms, rows.starts[:-1], [split[0] for split in splits]),
         fold=_folds(train),
-        time_s=_running(time_s),
+        time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
     )
     return Problem(
@@ -312,6 +253,14 @@ def make_problem(
         pick=rows.pick,
         drift_s=column_map.model.drift_s,
     )
+
+
+def _check_enough(parts: Sequence[Stretch], count: int) -> None:
+    if count < LEAST_ROWS:
+        raise ExperimentError(
+            f"{parts[0].log.place}: {count} rows are left to learn from, {LEAST_ROWS} are the least; "
+            "use a longer log, a wider --train, or a higher [filter] rate"
+        )
 
 
 def _settled(sound: BoolArray, margin: int) -> BoolArray:

@@ -8,7 +8,8 @@ from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, FrictionModel
 from norton_bench.identification.ladder import Rung, fit_friction, ladder
 from norton_bench.logs import delays as late
-from norton_bench.logs.equation import Delays, Problem
+from norton_bench.logs.equation import Problem
+from norton_bench.logs.motion import Delays
 from norton_bench.logs.starts import SCOUT, begun
 
 # Models that are near to any other as far as delays go, and quick.
