@@ -46,7 +46,7 @@ class CoulombViscous:
     terms: tuple[Term, ...] = (VISCOUS, COULOMB)
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        return np.stack([path.velocity, path.side])
+        return np.stack([path.velocity, np.sign(path.velocity)])
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Stribeck:
     terms: tuple[Term, ...] = (VISCOUS, COULOMB, STICTION)
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        side = path.side
+        side = np.sign(path.velocity)
         return np.stack([path.velocity, side, side * bump(path.velocity, shape[0])])
 
 
@@ -72,7 +72,7 @@ class Film:
     terms: tuple[Term, ...] = (VISCOUS, COULOMB, Term("film_torque", Dimension.FRICTION))
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
-        side, speed = path.side, np.abs(path.velocity)
+        side, speed = np.sign(path.velocity), np.abs(path.velocity)
         return np.stack([path.velocity, side, -side * np.expm1(-speed / shape[0])])
 
 
@@ -90,7 +90,7 @@ class LoadDependent:
             raise UsageError(
                 'friction "load-dependent" needs the load: map a column to normal, load or exertion, or give [load]'
             )
-        side = path.side
+        side = np.sign(path.velocity)
         return np.stack([path.velocity, side, side * np.abs(path.load)])
 
 
@@ -160,7 +160,7 @@ class MaxwellSlip:
         deflections = shape[0] * np.geomspace(*AROUND, ELEMENTS)
         elements = operators.stops(path.position, path.begin, deflections)
         elements[deflections > LONGEST_TRAVEL * path.displacement_scale] = 0.0
-        side = path.side
+        side = np.sign(path.velocity)
         return np.concatenate([np.stack([path.velocity, side, side * bump(path.velocity, shape[1])]), elements])
 
 

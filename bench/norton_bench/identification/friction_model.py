@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -24,8 +23,7 @@ class Path:
     ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there.
     ``load`` is the exertion transmitted, for friction that depends on it. ``shares`` (stretches,) are the shares of a
     contact's strength in use as each stretch begins, where they are known. ``trained`` (n,) says which samples are
-    fitted: scales are theirs alone, so that what is only predicted has no influence on a fit. ``reversals_between``:
-    the side of motion is the mean over each sample's interval, for samples that are far apart.
+    fitted: scales are theirs alone, so that what is only predicted has no influence on a fit.
     """
 
     dt_s: float
@@ -36,22 +34,6 @@ class Path:
     temperature_c: FloatArray | None = None
     shares: FloatArray | None = None
     trained: BoolArray | None = None
-    reversals_between: bool = False
-
-    @cached_property
-    def side(self) -> FloatArray:
-        """The sign of the velocity; between samples, where the motion turns round there, its mean, shape (n,).
-
-        The mean sign of a straight line from a to b is (|b| − |a|)/(b − a).
-        """
-        if not self.reversals_between:
-            return np.sign(self.velocity)
-        middle = self.velocity_between
-        middle[self.starts] = self.velocity[self.starts]
-        after = np.append(middle[1:], self.velocity[-1])
-        turns = middle * after < 0
-        change = np.where(turns, after - middle, 1.0)
-        return np.where(turns, (np.abs(after) - np.abs(middle)) / change, np.sign(self.velocity))
 
     @property
     def begin(self) -> FloatArray:

@@ -233,7 +233,7 @@ def make_problem(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, rows.starts[:-1], [split[0] for split in splits]),
+        path=_path(parts, terms, rows, [split[0] for split in splits]),
         fold=_folds(train),
         time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
@@ -292,16 +292,15 @@ def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
     return None if values[0] is None else np.concatenate(values)
 
 
-def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray, trained: Sequence[BoolArray]) -> Path:
+def _path(parts: Sequence[Stretch], terms: Sequence[Terms], rows: Rows, trained: Sequence[BoolArray]) -> Path:
     return Path(
         dt_s=parts[0].dt_s,
         position=np.concatenate([term.motion.position for term in terms]),
         velocity=np.concatenate([term.motion.velocity for term in terms]),
-        starts=starts,
+        starts=rows.starts[:-1],
         load=_joined(terms, "pressing"),
         temperature_c=_joined(terms, "temperature"),
         trained=np.concatenate(trained),
-        reversals_between=True,
     )
 
 
