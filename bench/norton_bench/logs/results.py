@@ -81,6 +81,8 @@ class LogFit:
     predictions: Predictions | None = None
 
 
+# Beyond so many deviations a sign is no accident.
+SURE = 2.0
 # An estimate less certain than this, relative to itself, is none.
 UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
@@ -120,8 +122,10 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Prob
         return Status.DOUBTFUL
     if not fit.converged:
         return Status.NOT_CONVERGED
-    if name in fit.at_bound or (name == "inertia" and value <= 0):
+    if name in fit.at_bound or (name == "inertia" and value <= -SURE * std):
         return Status.AT_BOUND
+    if name == "inertia" and value <= 0:
+        return Status.UNEXCITED
     if std == 0.0:
         return Status.UNEXCITED  # nothing depends on it
     scale = abs(value)

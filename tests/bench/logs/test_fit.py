@@ -198,7 +198,7 @@ def test_what_the_data_cannot_tell_apart_is_said(tmp_path: Path) -> None:
     log = {"t": t, "q": q, "u": (0.05 * -(wave**2) * q + 0.3 * q + 0.02 * np.sign(np.cos(wave * t))) / 2}
     log["u"] += 1e-2 * np.random.default_rng(3).standard_normal(t.size)
     fit = fit_of(tmp_path, log, FREE + "gravity = true\n")
-    assert any("only in combination" in said and "inertia" in said and "gravity sine" in said for said in fit.verdict)
+    assert any("Known only" in said and "inertia" in said and "gravity sine" in said for said in fit.verdict)
 
 
 def test_train_and_test_by_time(tmp_path: Path) -> None:
