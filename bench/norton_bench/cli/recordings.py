@@ -12,10 +12,10 @@ from norton_bench.errors import ExitCode, UsageError
 
 RECORDING_SUFFIX = ".mcap"
 
-Source = Annotated[
-    Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or with --columns logs of other programs.")
+Source = Annotated[Path, Parameter(name="LOG", help="Recordings (.mcap) of one rig, or logs of other programs.")]
+Columns = Annotated[
+    Path | None, Parameter(help="Column map (TOML) of logs of other programs; without it, one is proposed.")
 ]
-Columns = Annotated[Path | None, Parameter(help="Column map (TOML) of logs of other programs.")]
 Train = Annotated[str | None, Parameter(help='Data to fit: "0:12.5 s", or files by name or pattern.')]
 Test = Annotated[str | None, Parameter(help="Data only to predict, in the same way.")]
 ModelName = Annotated[
@@ -25,6 +25,18 @@ Format = Annotated[
     Literal["parquet", "csv", "mat", "candump"],
     Parameter(name="--format", help="Kind of tables, or the CAN frames alone."),
 ]
+
+
+Predict = Annotated[Path | None, Parameter(help="Table (CSV) to write: what was measured and predicted, row by row.")]
+
+
+@dataclass(frozen=True)
+class Files:
+    """The files of a log's fit besides the logs: the map, and what is written."""
+
+    columns: Path | None
+    predict: Path | None
+    out: Path | None
 
 
 @dataclass(frozen=True)
@@ -43,16 +55,19 @@ def fit(
     train: Train = None,
     test: Test = None,
     model: ModelName = None,
+    predict: Predict = None,
     out: Out = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
     """Fit a recording again, from its contents alone; or several recordings of one rig together; or logs of other
-    programs, with a map of their columns.
+    programs; a map of their columns is proposed where none is given.
     """
-    if columns is not None:
-        return _fit_logs((first, *others), columns, Split(train, test), model, out, Output(json, quiet))
-    _check_recordings((first, *others), (train, test, model))
+    logs = columns is not None or first.suffix.lower() != RECORDING_SUFFIX
+    if logs:
+        files = Files(columns, predict, out)
+        return _fit_logs((first, *others), Split(train, test), model, files, Output(json, quiet))
+    _check_recordings((first, *others), (train, test, model, predict))
     if others:
         return _fit_several((first, *others), out, Output(json, quiet))
     from norton_bench.cli.results import identification, summary  # noqa: PLC0415
@@ -67,17 +82,14 @@ def fit(
     return result.exit_code
 
 
-def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[str | None, ...]) -> None:
-    """Raises UsageError for files that are no recordings."""
+def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[object, ...]) -> None:
+    """Raises UsageError for files that are no recordings, or options that these do not have."""
     for path in paths:
         if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
-            raise UsageError(
-                f"{path} is not an MCAP recording; name a .mcap file or, for a log from elsewhere, say what its "
-                "columns hold: --columns MAP, a TOML file as in docs/logs.md and examples/logs"
-            )
+            raise UsageError(f"{path} is not an MCAP recording; fit recordings and logs of other programs apart")
     if any(option is not None for option in for_logs):
         raise UsageError(
-            "--train, --test and --model are for logs of other programs, with --columns MAP; leave them out"
+            "--train, --test, --model and --predict are for logs of other programs; leave them out for recordings"
         )
 
 
@@ -90,21 +102,36 @@ def _fit_several(paths: tuple[Path, ...], out: Path | None, output: Output) -> i
     return ExitCode.OK if several.together.combined else ExitCode.EXPERIMENT_FAILED
 
 
-def _fit_logs(
-    paths: tuple[Path, ...], columns: Path, split: Split, model: str | None, out: Path | None, output: Output
-) -> int:
+def _fit_logs(paths: tuple[Path, ...], split: Split, model: str | None, files: Files, output: Output) -> int:
     from norton_bench.cli.several import log_identification, log_summary, report_log  # noqa: PLC0415
     from norton_bench.logs.column_map import load_map  # noqa: PLC0415
     from norton_bench.logs.fit import Request, fit_logs  # noqa: PLC0415
+    from norton_bench.logs.predictions import write_predictions  # noqa: PLC0415
 
+    folder = _made(files.out)
+    columns = files.columns or _proposed(paths, folder, output)
     column_map = load_map(columns)
-    folder = _made(out)
     output.say(f"fitting {', '.join(map(str, paths))}")
     request = Request(paths, column_map, split.train, split.test, model)
     fitted = fit_logs(request)
+    if files.predict is not None:
+        write_predictions(files.predict, fitted.predictions)
+        output.say(f"predictions: {files.predict}")
     report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, fitted)
     output.result(log_identification(fitted, paths, columns, report), log_summary(fitted, report))
-    return ExitCode.OK if fitted.converged and not fitted.doubtful else ExitCode.EXPERIMENT_FAILED
+    held = fitted.converged and not fitted.doubtful and not fitted.alarms
+    return ExitCode.OK if held else ExitCode.EXPERIMENT_FAILED
+
+
+def _proposed(paths: tuple[Path, ...], folder: Path | None, output: Output) -> Path:
+    """A map made from the first log, written beside it or into the folder of --out."""
+    from norton_bench.logs.propose import write_proposal  # noqa: PLC0415
+
+    path, sentences = write_proposal(paths[0], folder)
+    output.say(f"a map of its columns is proposed in {path}; read it, and name it with --columns from now on")
+    for sentence in sentences:
+        output.say(f"  {sentence}")
+    return path
 
 
 def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, quiet: Quiet = False) -> None:

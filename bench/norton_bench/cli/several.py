@@ -22,10 +22,13 @@ def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, rep
     """
     return {
         "parameters": {estimate.name: parameter(estimate) for estimate in fit.estimates},
+        "totals": {estimate.name: parameter(estimate) for estimate in fit.totals},
         "model": fit.model,
         "errors": {"train": _errors(fit.train), "test": _errors(fit.test)},
         "ladder": [_step(step) for step in fit.ladder],
         "validation": None,
+        "between_parts": _between(fit),
+        "alarms": list(fit.alarms),
         "verdict": list(fit.verdict),
         "converged": fit.converged,
         "logs": list(paths),
@@ -33,6 +36,14 @@ def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, rep
         "recording": None,
         "network": None,
         "report": report,
+    }
+
+
+def _between(fit: LogFit) -> dict[str, Any] | None:
+    if fit.between is None or not fit.between.each:
+        return None
+    return {
+        one.name: {"values": one.values.tolist(), "stds": one.stds.tolist(), "p": one.p} for one in fit.between.each
     }
 
 
@@ -67,6 +78,8 @@ def _step(step: Step) -> dict[str, Any]:
 def log_summary(fit: LogFit, report: Path | None) -> RenderableType:
     """The same for a terminal."""
     parts: list[RenderableType] = [f"friction: {fit.model}", parameter_table(fit.estimates)]
+    if fit.totals:
+        parts += ["in total, in steady sliding:", parameter_table(fit.totals)]
     parts += [f"· {remark}" for remark in fit.verdict]
     parts += [line for side in ("train", "test") for line in _error_lines(side, getattr(fit, side))]
     parts.append(ladder_table(fit.ladder))

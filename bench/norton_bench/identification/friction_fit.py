@@ -13,7 +13,7 @@ from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction_laws import CONTAINS
 from norton_bench.identification.friction_laws import model as member
-from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel
+from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel, Path
 from norton_bench.identification.friction_operators import bounded_solution
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
@@ -74,15 +74,20 @@ class FrictionFit:
         return float(np.sqrt(np.mean(self.residual[self.rows] ** 2)))
 
 
-def fit_friction(equation: Equation, model: FrictionModel, rows: BoolArray | None = None) -> FrictionFit:
+def fit_friction(
+    equation: Equation, model: FrictionModel, rows: BoolArray | None = None, near: FloatArray | None = None
+) -> FrictionFit:
     """Fit ``model`` to ``rows`` of the equation (all by default).
 
+    ``near`` (unknowns,) is a shape known from an equation that differs little: the search then begins and stays there.
     Raises ExperimentError where there are too few rows or nothing moves.
     """
     rows = np.ones(equation.target.size, dtype=bool) if rows is None else rows
     problem = Problem.of(equation, model, np.where(rows, 0, -1))
     if np.count_nonzero(rows) < 3 * (len(problem.nonnegative) + len(model.unknowns)):
         raise ExperimentError(f'too few samples are left to fit friction "{model.name}": use a longer record')
+    if near is not None:
+        return problem.finish(rows, problem.refine(rows, np.clip(np.log(near), problem.low, problem.high)))
     # One without unknowns of its shape is found within any shape of this one.
     inner = [each for each in map(member, CONTAINS.get(model.name, ())) if each.unknowns]
     contained = {each.name: fit_friction(equation, each, rows).shape for each in inner}
@@ -136,13 +141,15 @@ class Problem:
             self._kept[key] = self._columns(at)
         return self._kept[key]
 
-    def _columns(self, at: FloatArray) -> FloatArray:
-        friction = self.equation.process(self.model.columns(self.equation.path, np.exp(at)))
-        others = [row if name not in self.model.replaces else np.zeros_like(row) for name, row in self._others()]
-        return np.stack([*others, *-friction])
+    def begun_afresh(self, at: FloatArray) -> FloatArray:
+        """As ``columns``, where every part that is held out begins as a new record does."""
+        afresh = self.equation.afresh
+        remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in self.model.unknowns)
+        return self.columns(at) if afresh is None or not remembers else self._columns(at, afresh)
 
-    def _others(self) -> Iterator[tuple[str, FloatArray]]:
-        return zip(self.equation.names, self.equation.others, strict=True)
+    def _columns(self, at: FloatArray, path: Path | None = None) -> FloatArray:
+        friction = self.equation.process(self.model.columns(path or self.equation.path, np.exp(at)))
+        return np.concatenate([self.equation.others, -friction])
 
     def scan(self, left_out: int | None = None, known: FloatArray | None = None) -> FloatArray:
         """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``.

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 
 # Of the rms velocity: what moves faster slides.
@@ -21,7 +21,9 @@ class Path:
     Motion in radians or in metres; arrays of shape (n,).
 
     ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there.
-    ``load`` is the exertion transmitted, for friction that depends on it.
+    ``load`` is the exertion transmitted, for friction that depends on it. ``shares`` (stretches,) are the shares of a
+    contact's strength in use as each stretch begins, where they are known. ``trained`` (n,) says which samples are
+    fitted: scales are theirs alone, so that what is only predicted has no influence on a fit.
     """
 
     dt_s: float
@@ -30,14 +32,20 @@ class Path:
     starts: IntArray
     load: FloatArray | None = None
     temperature_c: FloatArray | None = None
+    shares: FloatArray | None = None
+    trained: BoolArray | None = None
 
     @property
     def begin(self) -> FloatArray:
         """The share of a contact's strength in use where a stretch begins, NaN where one goes on, shape (n,).
 
-        What moves as a stretch begins has been sliding; what rests is taken as without tension.
+        Where nothing else is known, what moves as a stretch begins has been sliding, and what rests is taken as
+        without tension.
         """
         share = np.full(self.position.size, np.nan)
+        if self.shares is not None:
+            share[self.starts] = self.shares
+            return share
         first = self.velocity[self.starts]
         share[self.starts] = np.sign(first) * (np.abs(first) > MOVING * self.velocity_scale)
         return share
@@ -50,7 +58,8 @@ class Path:
     @property
     def velocity_scale(self) -> float:
         """The rms velocity. Raises ExperimentError for a path that does not move."""
-        scale = float(np.sqrt(np.mean(self.velocity**2)))
+        velocity = self.velocity if self.trained is None else self.velocity[self.trained]
+        scale = float(np.sqrt(np.mean(velocity**2))) if velocity.size else 0.0
         if not (np.isfinite(scale) and scale > 0.0):
             raise ExperimentError("friction cannot be identified: the motion is missing or constant in this record")
         return scale
@@ -59,9 +68,9 @@ class Path:
     def displacement_scale(self) -> float:
         """The longest way travelled in one stretch."""
         ends = np.append(self.starts[1:], self.position.size)
-        return max(
-            float(np.ptp(self.position[first:end])) for first, end in zip(self.starts, ends, strict=True) if end > first
-        )
+        trained = np.ones(self.position.size, dtype=bool) if self.trained is None else self.trained
+        parts = (self.position[a:b][trained[a:b]] for a, b in zip(self.starts, ends, strict=True))
+        return max(float(np.ptp(part)) for part in parts if part.size)
 
 
 # Of blocks: enough that every fold meets every slow condition.
@@ -75,8 +84,13 @@ class Equation:
 
     ``target`` and ``time_s`` (n,), ``others`` (k, n) named ``names``. ``process`` takes rows of the path's rate,
     shape (columns, path), through the filter and decimation that the target has passed: (columns, n). ``fold`` (n,)
-    says which held-out fold each row belongs to; the rows of −1 are never held out and always trained on. Raises
-    ExperimentError where a number is missing or infinite.
+    says which held-out fold each row belongs to; the rows of −1 are never held out and always trained on.
+
+    ``afresh`` is the same path with a beginning at every part that is held out, as a new record begins: contacts do
+    not know there what they went through before. ``settled`` (n,) are the rows in which filters do not see across
+    such a beginning. None: what is held out goes on from what lies before it.
+
+    Raises ExperimentError where a number is missing or infinite.
     """
 
     target: FloatArray
@@ -86,6 +100,8 @@ class Equation:
     fold: IntArray
     time_s: FloatArray
     process: Callable[[FloatArray], FloatArray]
+    afresh: Path | None = None
+    settled: BoolArray | None = None
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}
@@ -108,6 +124,9 @@ def blocked_folds(count: int, folds: int = 5) -> IntArray:
 
 # A contact that yields within a small part of one sample's travel cannot be told from one that does not yield.
 SHORTEST_TRAVEL = 1e-3
+# From full tension one way to full tension the other way takes two deflections: one that is longer than this share of
+# the whole travel never does that, and then is a spring whose rest nobody knows.
+LONGEST_TRAVEL = 0.5
 
 
 class Dimension(Enum):
@@ -166,11 +185,6 @@ class FrictionModel(Protocol):
 
     @property
     def terms(self) -> tuple[Term, ...]: ...
-
-    @property
-    def replaces(self) -> tuple[str, ...]:
-        """Further columns of an equation that cannot be told from this model's own: they are left at zero."""
-        ...
 
     def columns(self, path: Path, shape: FloatArray) -> FloatArray:
         """Shape (terms, n), for the values of ``unknowns`` in SI, (unknowns,)."""

@@ -159,7 +159,8 @@ def part_sums(columns: FloatArray, target: FloatArray, part: IntArray) -> tuple[
     return gram, moment, power
 
 
-# What may stand in an equation of motion beside friction, as linear columns: cogging, slow drift, temperature.
+# What may stand in an equation of motion beside friction, as linear columns: cogging, temperature, and hats for slow
+# drift.
 #
 # Every column has the sign of what it takes off the exertion, and is on the path's own rate.
 def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:
@@ -168,25 +169,20 @@ def cogging(position: FloatArray, period: float) -> dict[str, FloatArray]:
     return {"cogging_sine": -np.sin(phase), "cogging_cosine": -np.cos(phase)}
 
 
-def drift(time_s: FloatArray, spacing_s: float) -> dict[str, FloatArray]:
-    """The offset as a broken line of time (n,) with a knot about every ``spacing_s``.
-
-    What the line does in a held-out fold it learns from the rows around, so folds must be shorter than the spacing.
-    """
-    span_s = float(np.ptp(time_s))
-    lines = linear_basis(time_s, max(2, round(span_s / spacing_s) + 1))
-    return {f"offset_{knot}": -hat for knot, hat in enumerate(lines, 1)}
-
-
 def linear_basis(time_s: FloatArray, knots: int) -> FloatArray:
     """Lines that are one at one of equally spaced knots and zero at all others, shape (knots, n)."""
     at_s = np.linspace(np.min(time_s), np.max(time_s), knots)
     return np.stack([np.interp(time_s, at_s, one) for one in np.eye(knots)])
 
 
-def temperature(velocity: FloatArray, temperature_c: FloatArray) -> dict[str, FloatArray]:
-    """What a degree more than the mean adds to friction, viscous and Coulomb: oil thins as it warms; arrays (n,)."""
-    warmer = temperature_c - np.mean(temperature_c)
+def temperature(
+    velocity: FloatArray, temperature_c: FloatArray, trained: BoolArray | slice = slice(None)
+) -> dict[str, FloatArray]:
+    """What a degree more than the mean of ``trained`` adds to friction, viscous and Coulomb: oil thins as it warms.
+
+    Arrays (n,).
+    """
+    warmer = temperature_c - np.mean(temperature_c[trained])
     return {
         "viscous_damping_per_degree": -velocity * warmer,
         "coulomb_torque_per_degree": -np.sign(velocity) * warmer,

@@ -92,7 +92,9 @@ def _rung(
         train = rows & (part != index)
         reached = problem.search(train, problem.scan(index, best.at), _of_part(shapes, index))
         held_out = part == index
-        residual = equation.target[held_out] - reached.linear @ reached.columns[:, held_out]
+        if equation.settled is not None:
+            held_out &= equation.settled
+        residual = equation.target[held_out] - reached.linear @ problem.begun_afresh(reached.at)[:, held_out]
         squares.append(float(np.mean(residual**2)))
         own.append(np.exp(reached.at))
     shapes[model.name] = own

@@ -12,6 +12,8 @@ from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
 # A parameter, or a combination of them, that deviates by more than this share of its value is not known.
 LOOSE_BEYOND = 0.5
 BLOCKS_S = (0.1, 0.5, 2.0)
+# A column shorter than this says nothing, and its square is no number.
+NOTHING = 1e-100
 
 
 def sandwich(
@@ -34,7 +36,7 @@ def sandwich(
     largest of all.
     """
     scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
+    scale[scale < NOTHING] = 1.0
     information = (jacobian / scale).T @ (jacobian / scale)
     scores = jacobian / scale * residual[:, None]
     if contamination is not None and linear is not None:

@@ -62,10 +62,13 @@ GivenQuantity = Annotated[Given, BeforeValidator(_given)]
 
 
 class ColumnSection(MapSection):
-    """One column of the log: value = sign · (scale · written + offset), in ``unit``, at its time + ``shift``."""
+    """One column of the log: value = sign · (scale · written + offset), in ``unit``, at its time + ``shift``.
+
+    Without a unit, it has the one that stands in brackets behind its name in the log.
+    """
 
     name: str = Field(examples=["qm"])
-    unit: UnitText = Field("", examples=["rad"])
+    unit: UnitText | None = Field(None, examples=["rad"])
     scale: float = Field(1.0, examples=[0.001])
     offset: float = Field(0.0, examples=[-2.5])
     sign: Literal[1, -1] = 1
@@ -113,6 +116,7 @@ class ColumnsSection(MapSection):
     supply: ColumnSection | None = Field(None, examples=[{"name": "volts", "unit": "V"}])
     temperature: ColumnSection | None = Field(None, examples=[{"name": "temp", "unit": "degC"}])
     normal: ColumnSection | None = Field(None, examples=[{"name": "normal", "unit": "N"}])
+    load: ColumnSection | None = Field(None, examples=[{"name": "gear_torque", "unit": "N*m"}])
 
 
 class ActuatorSection(MapSection):
@@ -151,6 +155,7 @@ class ModelSection(MapSection):
     offset: bool = True
     gravity: bool = False
     temperature: bool = False
+    delays: bool = True
     drift_s: Annotated[float, quantity_in("s")] | None = Field(None, alias="drift", gt=0, examples=["30 s"])
     cogging_period: GivenQuantity | None = Field(None, examples=["0.01 m"])
 
@@ -218,6 +223,7 @@ class Units:
             "supply": "V",
             "temperature": "degC",
             "normal": "N",
+            "load": self.exertion,
         }
 
     @property
@@ -289,7 +295,7 @@ def parse_map(text: str, *, place: str) -> ColumnMap:
     mistakes.raise_as(UsageError)
     assert read is not None  # it was told, and raised, otherwise
     command, supply = read.columns.command, read.columns.supply
-    units = Units.of(read.log.motion, command.unit if command else "", supplied=supply is not None)
+    units = Units.of(read.log.motion, (command.unit or "") if command else "", supplied=supply is not None)
     made = ColumnMap(place=place, units=units, **dict(read))
     _check_units(made, mistakes)
     _check_sense(made, mistakes)
@@ -300,7 +306,12 @@ def parse_map(text: str, *, place: str) -> ColumnMap:
 def _check_units(column_map: ColumnMap, mistakes: Mistakes) -> None:
     """Every unit must be of the dimension that is meant: an angle is not a length."""
     for name, column in column_map.mapped().items():
-        _check_unit(column.unit, column_map.units.columns[name], f"[columns.{name}] unit", mistakes)
+        _check_unit(
+            column.unit if column.unit is not None else column_map.units.columns[name],
+            column_map.units.columns[name],
+            f"[columns.{name}] unit",
+            mistakes,
+        )
     for (section, key), given in column_map.givens().items():
         _check_unit(given.unit, column_map.units.givens[section, key], f"[{section}] {key}", mistakes)
 

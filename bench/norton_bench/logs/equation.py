@@ -12,7 +12,9 @@ from norton_bench.identification import friction_operators as operators
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.grid import Filters, Stretch, integral, slope
+from norton_bench.logs.grid import Filters, Stretch
+from norton_bench.logs.motion import Delays, Motion
+from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
 
@@ -20,54 +22,59 @@ from norton_bench.logs.steps import Inputs, Load, Loop
 #
 # τ = gain · drive − inertia · a − friction − offset − load τ at the port, zero where it is free
 @dataclass(frozen=True)
-class Motion:
-    """Filtered motion of one stretch, arrays (n,)."""
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-
-    @classmethod
-    def of(cls, stretch: Stretch, filters: Filters) -> "Motion":
-        """From the position or, where only velocity was logged, from that."""
-        dt_s = stretch.dt_s
-        if "position" in stretch.columns:
-            position = filters.smooth(stretch.columns["position"])
-            velocity = slope(position, dt_s)
-        else:
-            velocity = filters.smooth(stretch.columns["velocity"])
-            position = integral(velocity, dt_s)
-        return cls(position, velocity, slope(velocity, dt_s))
-
-
-@dataclass(frozen=True)
 class Terms:
-    """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown."""
+    """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown.
+
+    ``pressing`` is what presses on the surfaces that rub, None where nothing tells.
+    """
 
     motion: Motion
     drive: FloatArray | None
     gain: float | None
     port: FloatArray | None
     load: FloatArray | None
-    normal: FloatArray | None
+    pressing: FloatArray | None
     temperature: FloatArray | None
     sound: BoolArray
 
     @classmethod
-    def of(cls, stretch: Stretch, column_map: ColumnMap, filters: Filters) -> "Terms":
-        motion = Motion.of(stretch, filters)
+    def of(cls, stretch: Stretch, column_map: ColumnMap, filters: Filters, delays: Delays) -> "Terms":
         port = stretch.columns.get("exertion")
+        later_s = delays.reference_s(exertion=port is not None)
+        motion = Motion.of(stretch, filters, later_s)
+        drive = drive_of(stretch)
+        if drive is not None and delays.command_s != later_s:
+            since_s = stretch.dt_s * np.arange(len(drive))
+            drive = np.interp(since_s + later_s - delays.command_s, since_s, drive)
         return cls(
             motion=motion,
-            drive=drive_of(stretch),
+            drive=drive,
             gain=stretch.log.given("actuator", "torque_gain"),
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, motion, translation=column_map.translation),
-            normal=stretch.columns.get("normal"),
+            pressing=_pressing(stretch, motion, port, translation=column_map.translation),
             temperature=stretch.columns.get("temperature"),
-            sound=stretch.sound & enabled(stretch),
+            sound=stretch.sound & enabled(stretch) & _inside(stretch, delays),
         )
+
+
+def _pressing(stretch: Stretch, motion: Motion, port: FloatArray | None, *, translation: bool) -> FloatArray | None:
+    """What friction that depends on the load depends on: the normal force, or what the gears transmit.
+
+    That is logged, or is what the sensor at the port measures, or what the known load asks for.
+    """
+    for name in ("normal", "load"):
+        if name in stretch.columns:
+            return stretch.columns[name]
+    return port if port is not None else _known_load(stretch, motion, translation=translation)
+
+
+def _inside(stretch: Stretch, delays: Delays) -> BoolArray:
+    """Where nothing that was moved in time came from beyond an end."""
+    reach = int(np.ceil(max(abs(delays.command_s), abs(delays.exertion_s)) / stretch.dt_s))
+    count = len(stretch.time_s)
+    return np.asarray((np.arange(count) >= reach) & (np.arange(count) < count - reach))
 
 
 def drive_of(stretch: Stretch) -> FloatArray | None:
@@ -139,6 +146,7 @@ def inputs_of(stretch: Stretch) -> Inputs:
 
 
 LEAST_ROWS = 30
+NO_DELAYS = Delays()
 
 
 @dataclass(frozen=True)
@@ -148,7 +156,8 @@ class Problem:
     ``known`` is the target and ``columns`` the others, at the samples' own rate. ``exertion`` (n,) is what the actuator
     exerts, where anything measures it or a known gain gives it, else what the known load asks for, else the drive:
     errors are relative to it. ``scaled`` says whether anything fixes the scale of exertion.
-    ``train`` and ``test`` (n,) are the split.
+    ``train`` and ``test`` (n,) are the split, ``pick`` (n,) the rows' samples, those of all stretches joined.
+    ``drift_s`` is the map's.
     """
 
     equation: Equation
@@ -161,6 +170,9 @@ class Problem:
     terms: tuple[Terms, ...]
     filters: Filters
     stretches: tuple[Stretch, ...]
+    delays: Delays
+    pick: IntArray
+    drift_s: float | None
 
     @property
     def exertion_rms(self) -> float:
@@ -199,35 +211,31 @@ class Rows:
         return np.asarray(np.concatenate(pieces, axis=1)[:, self.pick])
 
 
+Splits = Sequence[tuple[BoolArray, BoolArray]]
+
+
 def make_problem(
-    column_map: ColumnMap,
-    parts: Sequence[Stretch],
-    splits: Sequence[tuple[BoolArray, BoolArray]],
+    column_map: ColumnMap, parts: Sequence[Stretch], splits: Splits, delays: Delays = NO_DELAYS
 ) -> Problem:
     """``splits`` are the instants of each stretch to train and to test on.
 
     Raises ExperimentError where nothing is left to learn from.
     """
     filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
-    terms = tuple(Terms.of(part, column_map, filters) for part in parts)
+    terms = tuple(Terms.of(part, column_map, filters, delays) for part in parts)
     rows = Rows.of(terms, filters)
     train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
-    if np.count_nonzero(train) < LEAST_ROWS:
-        raise ExperimentError(
-            f"{parts[0].log.place}: {np.count_nonzero(train)} rows are left to learn from, {LEAST_ROWS} are the least; "
-            "use a longer log, a wider --train, or a higher [filter] rate"
-        )
+    _check_enough(parts, int(np.count_nonzero(train)))
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
-    columns = _others(column_map, parts, terms, scaled=scaled)
+    columns = _others(column_map, parts, terms, [split[0] for split in splits], scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
-    time_s = np.concatenate([part.time_s for part in parts])[rows.pick]
     equation = Equation(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, rows.starts[:-1]),
+        path=_path(parts, terms, rows, [split[0] for split in splits]),
         fold=_folds(train),
-        time_s=_running(time_s),
+        time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
     )
     return Problem(
@@ -241,7 +249,18 @@ def make_problem(
         terms=terms,
         filters=filters,
         stretches=tuple(parts),
+        delays=delays,
+        pick=rows.pick,
+        drift_s=column_map.model.drift_s,
     )
+
+
+def _check_enough(parts: Sequence[Stretch], count: int) -> None:
+    if count < LEAST_ROWS:
+        raise ExperimentError(
+            f"{parts[0].log.place}: {count} rows are left to learn from, {LEAST_ROWS} are the least; "
+            "use a longer log, a wider --train, or a higher [filter] rate"
+        )
 
 
 def _settled(sound: BoolArray, margin: int) -> BoolArray:
@@ -273,14 +292,15 @@ def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
     return None if values[0] is None else np.concatenate(values)
 
 
-def _path(parts: Sequence[Stretch], terms: Sequence[Terms], starts: IntArray) -> Path:
+def _path(parts: Sequence[Stretch], terms: Sequence[Terms], rows: Rows, trained: Sequence[BoolArray]) -> Path:
     return Path(
         dt_s=parts[0].dt_s,
         position=np.concatenate([term.motion.position for term in terms]),
         velocity=np.concatenate([term.motion.velocity for term in terms]),
-        starts=starts,
-        load=_joined(terms, "normal"),
+        starts=rows.starts[:-1],
+        load=_joined(terms, "pressing"),
         temperature_c=_joined(terms, "temperature"),
+        trained=np.concatenate(trained),
     )
 
 
@@ -305,7 +325,12 @@ def _gained(term: Terms) -> FloatArray:
 
 
 def _others(
-    column_map: ColumnMap, parts: Sequence[Stretch], terms: Sequence[Terms], *, scaled: bool
+    column_map: ColumnMap,
+    parts: Sequence[Stretch],
+    terms: Sequence[Terms],
+    trained: Sequence[BoolArray],
+    *,
+    scaled: bool,
 ) -> dict[str, FloatArray]:
     """What is not friction and not known, as columns of the target. Raises UsageError for a temperature unknown."""
     model = column_map.model
@@ -325,9 +350,11 @@ def _others(
         warmth = _joined(terms, "temperature")
         if warmth is None:
             raise UsageError(f"{parts[0].log.place}: [model] temperature: the log holds none; leave it out of the map")
-        columns |= operators.temperature(np.concatenate([term.motion.velocity for term in terms]), warmth)
+        velocity = np.concatenate([term.motion.velocity for term in terms])
+        columns |= operators.temperature(velocity, warmth, np.concatenate(trained))
     if model.drift_s is not None:
-        columns |= operators.drift(np.concatenate([part.time_s for part in parts]), model.drift_s)
+        places = [part.log.place for part in parts]
+        columns |= drift_columns(places, [part.time_s for part in parts], trained, model.drift_s)
     elif model.offset:
         columns["offset"] = -np.ones(position.size)
     return columns

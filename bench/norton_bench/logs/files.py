@@ -1,9 +1,9 @@
 """Foreign log files of every kind to named arrays and numbers. Nested names are joined by "/": "group/dataset"."""
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,9 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError, nearest
 from norton_bench.logs.column_map import LogSection
+from norton_bench.logs.text_table import read_text_table
 from norton_bench.on_demand import extra
+from norton_bench.units import check_unit
 
 SUFFIXES = {
     ".csv": "csv",
@@ -30,25 +32,35 @@ SUFFIXES = {
     ".ndjson": "jsonl",
     ".json": "json",
 }
-SEPARATORS = ("\t", ";", ",")
-# A whole log in one block: the types of columns are then found from all of it.
-BLOCK_BYTES = 1 << 30
+# What a reader has to say of the file, beside its columns.
+REMARKS = "\0remarks"
+# A unit behind a name: "tau [Nm]", "q (deg)".
+UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*")
 
 
 @dataclass(frozen=True)
 class Content:
     """What a log file holds: ``arrays`` of numbers, one-dimensional and not all of one length, and single numbers.
 
-    ``unreadable`` says of a name why it is no array of numbers.
+    ``unreadable`` says of a name why it is no array of numbers, ``remarks`` what was set aside.
     """
 
     place: str
     arrays: Mapping[str, FloatArray]
     numbers: Mapping[str, float]
     unreadable: Mapping[str, str]
+    remarks: tuple[str, ...] = ()
+
+    def spelt(self, name: str) -> str:
+        """The name as it stands in the file: a unit in brackets behind it need not be repeated."""
+        if name in self.arrays or name in self.unreadable:
+            return name
+        bare = [each for each in (*self.arrays, *self.unreadable) if split_unit(each)[0] == name]
+        return bare[0] if len(bare) == 1 else name
 
     def array(self, name: str, where: str) -> FloatArray:
         """Raises UsageError with the nearest names; ``where`` is the place in the map that asks."""
+        name = self.spelt(name)
         if name in self.unreadable:
             raise UsageError(f'{self.place}: "{name}" ({where}) {self.unreadable[name]}')
         if name not in self.arrays:
@@ -64,6 +76,46 @@ class Content:
         if name in self.arrays:
             raise UsageError(f'{self.place}: "{name}" ({where}) changes; a known value must be a single number')
         raise UsageError(f'{self.place}: holds no number "{name}" ({where}); {nearest(name, self.numbers)}')
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A name and the unit in brackets behind it, which may be empty."""
+    found = UNIT.search(name)
+    if found is None or found.end() < len(name) or found.start() == 0:
+        return name, ""
+    return name[: found.start()], found[1].strip()
+
+
+# As people write them, and as units are written here.
+SPELT = {
+    "sec": "s",
+    "seconds": "s",
+    "msec": "ms",
+    "usec": "us",
+    "Nm": "N*m",
+    "N.m": "N*m",
+    "N·m": "N*m",
+    "N-m": "N*m",
+    "mNm": "mN*m",
+    "Ncm": "N*cm",
+    "°": "deg",
+    "°/s": "deg/s",
+    "dps": "deg/s",
+    "°C": "degC",
+    "C": "degC",
+    "Amps": "A",
+    "amp": "A",
+    "volt": "V",
+    "Volts": "V",
+}
+
+
+def plain_unit(text: str) -> str:
+    """A unit as people write it behind a name, in this program's spelling. Raises ValueError where there is none."""
+    unit = SPELT.get(text.strip(), text.strip().replace("^-1", ""))
+    if not unit:
+        raise ValueError("no unit")
+    return check_unit(unit)
 
 
 def read_file(path: Path, section: LogSection) -> Content:
@@ -94,6 +146,8 @@ def _content(path: Path, result: Mapping[str, object]) -> Content:
     arrays: dict[str, FloatArray] = {}
     numbers: dict[str, float] = {}
     unreadable: dict[str, str] = {}
+    remarks = result.get(REMARKS, ())
+    result = {name: value for name, value in result.items() if name != REMARKS}
     for name, value in _flat(result, ""):
         try:
             array = np.asarray(value).astype(np.float64)
@@ -112,7 +166,7 @@ def _content(path: Path, result: Mapping[str, object]) -> Content:
             unreadable[name] = f"has {squeezed.ndim} dimensions; a column has one"
     if not arrays:
         raise UsageError(f"{path}: holds no column of numbers; check the file, its separator, or [log] entries")
-    return Content(str(path), arrays, numbers, unreadable)
+    return Content(str(path), arrays, numbers, unreadable, tuple(remarks) if isinstance(remarks, tuple) else ())
 
 
 def _no_numbers(value: object) -> str:
@@ -136,28 +190,8 @@ def _flat(result: Mapping[str, object], prefix: str) -> Iterator[tuple[str, obje
 
 
 def _read_text_table(path: Path, section: LogSection) -> dict[str, object]:
-    csv = extra("pyarrow.csv", "reading CSV")
-
-    separator = section.separator or _separator(path, section.skip)
-    table = csv.read_csv(
-        path,
-        read_options=csv.ReadOptions(
-            block_size=BLOCK_BYTES, autogenerate_column_names=not section.header, skip_rows=section.skip
-        ),
-        parse_options=csv.ParseOptions(delimiter=separator),
-        convert_options=csv.ConvertOptions(strings_can_be_null=True, check_utf8=False),
-    )
-    names = (
-        [f"column {index}" for index in range(1, table.num_columns + 1)] if not section.header else table.column_names
-    )
-    return _arrow_columns(path, [str(name).strip() for name in names], table.columns)
-
-
-def _separator(path: Path, skip: int) -> str:
-    """That of tab, semicolon and comma which the first line holds most often, ``skip`` lines left out."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        line = next(islice(file, skip, None), "")
-    return max(SEPARATORS, key=line.count)
+    table = read_text_table(path, section)
+    return _arrow_columns(path, table.names, table.columns) | {REMARKS: table.remarks}
 
 
 def _read_parquet(path: Path, _: LogSection) -> dict[str, object]:

@@ -10,12 +10,14 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.identification.friction_laws import family_for
+from norton_bench.identification.friction_laws import FILMS, family_for
 from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
-from norton_bench.identification.ladder import Rung, ladder, selected
+from norton_bench.identification.ladder import Rung, selected
+from norton_bench.logs import delays as late
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
+from norton_bench.logs.estimate import comparable, estimated
 from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.outcome import Judged, outcome, refined
@@ -32,56 +34,72 @@ from norton_bench.logs.sanity_checks import (
 )
 from norton_bench.units import NUMBER, parse_quantity
 
-PART = re.compile(rf"\s*({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)\s*")
+WINDOW = rf"({NUMBER})?\s*:\s*({NUMBER})?\s*([A-Za-zµμ]*)"
+PART = re.compile(rf"\s*(?:(\S.*?)\s+)?{WINDOW}\s*")
 
 
-# ``--train`` and ``--test``: parts of every log in seconds ("0:12.5 s, 20:30 s"), or files by name or pattern.
+# ``--train`` and ``--test``: parts of the time ("0:12.5 s, 20:30 s"), files by name or pattern, or both
+# ("a*.csv 0:5 s").
+@dataclass(frozen=True)
+class Piece:
+    """Part of the time of the files that a pattern names; all files, or all of the time, where one is not given."""
+
+    pattern: str | None
+    first_s: float = -float("inf")
+    last_s: float = float("inf")
+
+    def names(self, path: Path) -> bool:
+        """Whether the pattern is that of the file, by its name or by its path."""
+        each = self.pattern
+        return each is None or path.match(each) or fnmatch(path.name, each) or fnmatch(str(path), each)
+
+
 @dataclass(frozen=True)
 class Selection:
-    """Parts of every log's own time in seconds, or whole files; exactly one of the two is not empty."""
+    """What any of its pieces names; times are each log's own, in seconds."""
 
-    parts_s: tuple[tuple[float, float], ...] = ()
-    files: tuple[str, ...] = ()
+    pieces: tuple[Piece, ...]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Every pattern."""
+        return tuple(piece.pattern for piece in self.pieces if piece.pattern is not None)
 
     def of(self, path: Path, time_s: FloatArray) -> BoolArray:
         """Which instants of the log at ``path`` are chosen, shape (n,)."""
-        if self.files:
-            return np.full(time_s.shape, self.names(path))
-        return np.asarray(np.any([(time_s >= first) & (time_s < last) for first, last in self.parts_s], axis=0))
+        chosen = np.zeros(time_s.shape, dtype=bool)
+        for piece in self.pieces:
+            if piece.names(path):
+                chosen |= (time_s >= piece.first_s) & (time_s < piece.last_s)
+        return chosen
 
     def names(self, path: Path) -> bool:
-        """Whether a pattern is that of the file, by its name or by its path."""
-        return any(path.match(each) or fnmatch(path.name, each) or fnmatch(str(path), each) for each in self.files)
+        """Whether any of the file can be chosen."""
+        return any(piece.names(path) for piece in self.pieces)
 
 
 def parse_selection(text: str, where: str) -> Selection:
     """Raises UsageError in a sentence; ``where`` is the option or key that says it."""
-    pieces = [piece.strip() for piece in text.split(",") if piece.strip()]
-    if not pieces:
+    written = [piece.strip() for piece in text.split(",") if piece.strip()]
+    if not written:
         raise UsageError(f'{where}: is empty; write it like "0:12.5 s", or name files')
-    timed = [PART.fullmatch(piece) for piece in pieces]
-    if not any(timed):
-        return Selection(files=tuple(pieces))
-    unit = next((match[3] for match in reversed(timed) if match and match[3]), "s")
-    parts = []
-    for piece, match in zip(pieces, timed, strict=True):
-        if match is None:
-            raise UsageError(f'{where}: "{piece}" is no part of the time; write either parts like "0:12.5 s" or files')
-        parts.append(_part(match, unit, piece, where))
-    return Selection(parts_s=tuple(parts))
+    matches = [PART.fullmatch(piece) for piece in written]
+    unit = next((match[4] for match in reversed(matches) if match and match[4]), "s")
+    pairs = zip(written, matches, strict=True)
+    return Selection(tuple(Piece(text) if match is None else _part(match, unit, text, where) for text, match in pairs))
 
 
-def _part(match: re.Match[str], unit: str, piece: str, where: str) -> tuple[float, float]:
+def _part(match: re.Match[str], unit: str, piece: str, where: str) -> Piece:
     try:
         first, last = (
-            float(default) if written is None else parse_quantity(f"{written} {match[3] or unit}", "s")
-            for written, default in ((match[1], "-inf"), (match[2], "inf"))
+            float(default) if written is None else parse_quantity(f"{written} {match[4] or unit}", "s")
+            for written, default in ((match[2], "-inf"), (match[3], "inf"))
         )
     except ValueError as wrong:
         raise UsageError(f"{where}: {wrong}") from None
     if first >= last:
         raise UsageError(f'{where}: "{piece}" ends before it begins; write it like "0:12.5 s"')
-    return first, last
+    return Piece(match[1], first, last)
 
 
 def extra_files(selection: Selection | None, paths: Sequence[Path]) -> tuple[Path, ...]:
@@ -135,21 +153,24 @@ def fit_logs(request: Request) -> LogFit:
     logs = [_checked(path, column_map) for path in paths]
     _check_alike(logs)
     remarks: list[str] = [remark for log in logs for remark in log.remarks]
-    parts, sentences = _on_grid(logs, column_map)
+    parts, sentences = _on_grid(logs, column_map, train, test)
     remarks += sentences
     splits = _splits(parts, train, test)
-    problem = make_problem(column_map, parts, splits)
-    if request.test is not None and not problem.test.any():
+    if request.test is not None and not any(split[1].any() for split in splits):
         raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
-    rungs = ladder(problem.equation, _models(request, problem), problem.train)
-    chosen = _chosen(request, rungs)
+    result = estimated(
+        lambda delays: make_problem(column_map, parts, splits, delays),
+        late.sought(column_map),
+        lambda problem: _models(request, problem, remarks),
+        lambda rungs: _chosen(request, rungs),
+    )
 
     def again(others: Sequence[Log]) -> Problem:
-        moved, _ = _on_grid(others, column_map)
+        moved, _ = _on_grid(others, column_map, train, test)
         return make_problem(column_map, moved, _splits(moved, train, test))
 
-    doubts = _doubts(column_map, logs, problem, chosen, again)
-    judged = Judged(column_map, problem, tuple(splits), rungs, chosen, doubts, tuple(remarks))
+    doubts = _doubts(column_map, logs, result.problem, result.chosen, again)
+    judged = Judged(column_map, result.problem, tuple(splits), result.rungs, result.chosen, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 
@@ -175,9 +196,10 @@ def _selection(text: str | None, where: str) -> Selection | None:
 
 def _check_files(selections: Sequence[Selection | None], paths: Sequence[Path]) -> None:
     for selection in selections:
-        if selection is not None and selection.files and not any(map(selection.names, paths)):
-            known = ", ".join(path.name for path in paths[:5])
-            raise UsageError(f'--train, --test: no log is named "{", ".join(selection.files)}"; there are {known}')
+        for piece in selection.pieces if selection is not None else ():
+            if not any(map(piece.names, paths)):
+                known = ", ".join(path.name for path in paths[:5])
+                raise UsageError(f'--train, --test: no log is named "{piece.pattern}"; there are {known}')
 
 
 def _checked(path: Path, column_map: ColumnMap) -> Log:
@@ -191,8 +213,12 @@ def _check_alike(logs: Sequence[Log]) -> None:
             raise UsageError(f"{log.place}: differs from {logs[0].place} in what it holds ({odd}); fit them apart")
 
 
-def _on_grid(logs: Sequence[Log], column_map: ColumnMap) -> tuple[tuple[Stretch, ...], list[str]]:
-    dt_s = common_interval(logs, column_map.log.rate_hz)
+def _on_grid(
+    logs: Sequence[Log], column_map: ColumnMap, train: Selection | None, test: Selection | None
+) -> tuple[tuple[Stretch, ...], list[str]]:
+    """The interval is that of the logs trained on: what is only predicted has no influence."""
+    trained = [log for log in logs if train_and_test(train, test, Path(log.place), log.time_s)[0].any()]
+    dt_s = common_interval(trained or logs, column_map.log.rate_hz)
     parts: list[Stretch] = []
     remarks: list[str] = []
     for log in logs:
@@ -214,15 +240,17 @@ def _asked(request: Request) -> str | None:
     return None if asked == BEST else asked
 
 
-def _models(request: Request, problem: Problem) -> tuple[FrictionModel, ...]:
+def _models(request: Request, problem: Problem, remarks: list[str]) -> tuple[FrictionModel, ...]:
     """The candidates of the map, or all that the log can tell, and the one that is asked for.
 
-    What is refined afterwards only needs a place to begin.
+    What is refined afterwards only needs a place to begin. What is not compared is added to the remarks.
     """
     if request.column_map.model.refine is not None:
         return (friction_model(FIRST_MODEL),)
-    candidates = request.column_map.model.candidates
-    models = tuple(map(friction_model, candidates)) or family_for(problem.equation.path)
+    models = tuple(map(friction_model, request.column_map.model.candidates))
+    if not models:
+        models, remark = comparable(problem, (*family_for(problem.equation.path), *FILMS))
+        remarks += [remark] if remark else []
     asked = _asked(request)
     if asked is None or asked in {member.name for member in models}:
         return models

@@ -21,6 +21,9 @@ HIGHEST_CUTOFF = 0.4
 SLOWEST_ROWS_HZ = 100.0
 # Before decimation: 8th order Chebyshev, 0.05 dB of ripple up to this share of the new Nyquist frequency.
 PASS = 0.8
+# Only the motion passes the low-pass, both sides the decimation: so that it takes nothing from what is left of the
+# other side, its cutoff is by this much above. There a Butterworth of 4th order, both ways, is at 0.9993.
+ABOVE = 2.5
 # Filters have settled after this many rows, or periods of the cutoff.
 SETTLED_ROWS = 5
 SETTLED_PERIODS = 2
@@ -42,9 +45,11 @@ class Filters:
     def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None) -> "Filters":
         """A cutoff that the samples are too coarse for has no effect: it is held below half of their rate."""
         rate_hz = 1 / dt_s
-        cutoff = min(CUTOFF * rate_hz if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
         rows = max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)) if rows_hz is None else rows_hz
-        return cls(dt_s, cutoff, max(1, round(rate_hz / rows)))
+        factor = max(1, round(rate_hz / rows))
+        usual = max(CUTOFF * rate_hz, ABOVE * 0.5 * PASS * rate_hz / factor)
+        cutoff = min(usual if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
+        return cls(dt_s, cutoff, factor)
 
     @property
     def margin(self) -> int:

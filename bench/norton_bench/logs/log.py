@@ -11,7 +11,7 @@ from norton_bench.errors import UsageError
 from norton_bench.identification import standstill
 from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
-from norton_bench.logs.files import Content, read_file
+from norton_bench.logs.files import Content, plain_unit, read_file, split_unit
 from norton_bench.units import conversion
 
 # Fewer rows than this tell nothing of a machine.
@@ -54,28 +54,44 @@ def read_log(path: Path, column_map: ColumnMap) -> Log:
     shifts = {
         name: section.shift_s for name, section in column_map.mapped().items() if section.shift_s and name != "time"
     }
-    return Log(content.place, time_s, columns, givens, shifts)
+    return Log(content.place, time_s, columns, givens, shifts, content.remarks)
 
 
 def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:
     columns = {}
     for name, section in column_map.mapped().items():
-        if section.optional and section.name not in content.arrays:
+        if section.optional and content.spelt(section.name) not in content.arrays:
             continue
         where = f"[columns] {name} of {column_map.place}"
-        columns[name] = in_si(content.array(section.name, where), section, column_map.units.columns[name])
+        unit = column_map.units.columns[name]
+        written = _unit_of(content, section, unit, where)
+        columns[name] = in_si(content.array(section.name, where), section, written, unit)
     return columns
 
 
-def in_si(raw: FloatArray, section: ColumnSection, unit: str) -> FloatArray:
-    """sign · (scale · raw + offset), converted from the section's unit to ``unit``; what is missing is NaN."""
+def _unit_of(content: Content, section: ColumnSection, wanted: str, where: str) -> str:
+    """The unit that the map gives, else the one behind the column's name. Raises UsageError for neither."""
+    if section.unit is not None or not wanted:
+        return section.unit or ""
+    behind = split_unit(content.spelt(section.name))[1]
+    try:
+        unit = plain_unit(behind)
+        conversion(unit, wanted)
+    except ValueError:
+        known = f'"{behind}" behind its name is none that is known here' if behind else "none stands behind its name"
+        raise UsageError(f'{content.place}: {where} gives no unit, and {known}; write unit = "{wanted}"') from None
+    return unit
+
+
+def in_si(raw: FloatArray, section: ColumnSection, written: str, unit: str) -> FloatArray:
+    """sign · (scale · raw + offset), converted from the unit ``written`` to ``unit``; what is missing is NaN."""
     values = np.where(np.isfinite(raw), raw, np.nan)
     if section.missing is not None:
         values = np.where(values == section.missing, np.nan, values)
     if section.bits is not None:
         # Written unsigned, meant in two's complement; what is negative already stays so.
         values = np.where(values >= 2.0 ** (section.bits - 1), values - 2.0**section.bits, values)
-    factor, shift = conversion(section.unit, unit)
+    factor, shift = conversion(written, unit)
     return np.asarray((section.sign * (section.scale * values + section.offset)) * factor + shift)
 
 
@@ -169,18 +185,23 @@ def _limited(log: Log, name: str) -> BoolArray:
 def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
     """Long runs of one column during which another one moved on.
 
-    A command may well be held; one that else changes in every row is frozen where it does not.
+    A velocity of zero is that of a shaft at rest; one that stands still elsewhere is told by the position alone. A
+    command may well be held; one that else changes in every row is frozen where it does not.
     """
     values = log.columns[name]
     if name == "command" and np.median(standstill.runs(values)[1]) > 1:
         return []
 
     def others() -> list[FloatArray]:
-        return [log.columns[other] for other in MEASURED if other in log.columns and other != name]
+        # A shaft at rest has no velocity, whatever pushes it: only a position that goes on shows that it does not rest.
+        telling = ("position",) if name == "velocity" else MEASURED
+        return [log.columns[other] for other in telling if other in log.columns and other != name]
 
     # A shaft may well rest at the end; not under a command that swings by half of its range.
     share = 0.5 if name == "position" else standstill.ELSEWHERE
-    return standstill.frozen(values, others, least=max(FROZEN_ROWS, FROZEN_SHARE * len(values)), share_at_end=share)
+    least = max(FROZEN_ROWS, FROZEN_SHARE * len(values))
+    found = standstill.frozen(values, others, least=least, share_at_end=share)
+    return [(first, length) for first, length in found if not (name == "velocity" and values[first] == 0.0)]
 
 
 def held_rows(log: Log) -> tuple[int, int] | None:

@@ -9,9 +9,13 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_model import Dimension, FrictionModel, Path
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace, words
+from norton_bench.logs.alarms import alarms
+from norton_bench.logs.between import compared, widened
 from norton_bench.logs.column_map import ColumnMap
+from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
+from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
     ErrorFigures,
     Errors,
@@ -25,6 +29,7 @@ from norton_bench.logs.results import (
 )
 from norton_bench.logs.sanity_checks import astray
 from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
+from norton_bench.logs.totals import totals
 from norton_bench.models.parameters import Estimate, Status
 
 SPEEDS = 400
@@ -32,6 +37,8 @@ FASTEST = 4.0  # of the table of friction, over the fastest logged
 STEPS_A_SAMPLE = 4
 # Shorter parts than this tell nothing of a simulated motion.
 LEAST_SAMPLES = 50
+# A column that holds what is applied until the next sample belongs to the middle of the interval.
+HALF_A_SAMPLE = 0.5
 
 
 # The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
@@ -171,15 +178,17 @@ class Judged:
 
 def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
-    from norton_bench.logs.outcome import motion_errors  # noqa: PLC0415  (compiled: slow to import)
-
-    column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
+    column_map, problem = judged.column_map, judged.problem
+    parts = compared(problem, judged.chosen.fit)
+    fit = widened(judged.chosen.fit, parts)
     doubtful = bool(judged.doubts)
+    wrong = alarms(problem, judged.chosen, column_map.units)
     estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
-    sentences = [*judged.doubts, *judged.remarks, *verdict, *map(words, together), *_uncertain(untold)]
+    said = [*wrong, *judged.remarks, *verdict, *_late(estimates, problem), parts.sentence]
+    sentences = [*judged.doubts, *said, *map(words, together), *_uncertain(untold)]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit, judged.splits))
     return LogFit(
         model=judged.chosen.name,
@@ -191,6 +200,10 @@ def outcome(judged: Judged) -> LogFit:
         test=test,
         ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in judged.rungs),
         exertion=_trace(problem, fit, column_map),
+        totals=totals(problem, fit, column_map.units, believed=not doubtful),
+        alarms=wrong,
+        between=parts,
+        predictions=predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive),
     )
 
 
@@ -222,7 +235,7 @@ def _estimates(
     column_map: ColumnMap, problem: Problem, fit: FrictionFit, *, doubtful: bool
 ) -> tuple[tuple[Estimate, ...], list[str]]:
     """The fit's values as a user wants them, and what is to be said of them."""
-    estimates = estimates_of(fit, column_map.units, problem.exertion_rms, doubtful=doubtful)
+    estimates = estimates_of(problem, fit, column_map.units, doubtful=doubtful)
     verdict: list[str] = []
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:
@@ -237,6 +250,19 @@ def _estimates(
     if not fit.converged:
         verdict.append("The fit did not converge: treat every number as provisional, and use a longer log.")
     return estimates, verdict
+
+
+def _late(estimates: Sequence[Estimate], problem: Problem) -> Iterator[str]:
+    """Delays that are surely more than half a sample."""
+    for estimate in estimates:
+        if not estimate.name.endswith(SHIFT) or estimate.status is not Status.VALID:
+            continue
+        if abs(estimate.value) - estimate.half_interval > HALF_A_SAMPLE * problem.filters.dt_s:
+            yield (
+                f"{estimate.name.removesuffix(SHIFT)} is logged {1e3 * abs(estimate.value):.3g} ± "
+                f"{1e3 * estimate.half_interval:.2g} ms {'earlier' if estimate.value > 0 else 'later'} than the motion "
+                "it goes with; that is reckoned with, and no friction."
+            )
 
 
 def _uncertain(estimates: Sequence[Estimate]) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError, UsageError, nearest
 from norton_bench.identification.friction_fit import FrictionFit
-from norton_bench.identification.statistics import held_out_rms, simplest_as_good
+from norton_bench.identification.statistics import LEAST_GAIN, held_out_rms
 from norton_bench.logs.column_map import ColumnMap, Units
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
@@ -48,13 +48,12 @@ class Beginning:
 
 @dataclass(frozen=True)
 class ServoRung:
-    """One model. Errors are rms, over the spread of the positions; ``fold_mean_squares`` one for each log held out."""
+    """One model. Errors are rms, over the spread of the positions."""
 
     fit: ServoFit
     train_relative: float
     held_out_relative: float
     held_out_std: float
-    fold_mean_squares: tuple[float, ...]
     selected: bool = False
 
     @property
@@ -64,7 +63,11 @@ class ServoRung:
 
 
 def servo_ladder(trial: FittedLogs, begin: Beginning, models: Sequence[ServoModel] = LADDER) -> tuple[ServoRung, ...]:
-    """Every model, each also started from the one before it; ``simplest_as_good`` selects one."""
+    """Every model, each also started from the one before it.
+
+    Selected is the one that errs least on what was held out, where every number costs ``LEAST_GAIN`` of the error.
+    Folds are too few, and what sticks in one of them too rough, for a standard error between models to mean much.
+    """
     folds = held_out(trial)
     rungs: list[ServoRung] = []
     for model in models:
@@ -72,7 +75,8 @@ def servo_ladder(trial: FittedLogs, begin: Beginning, models: Sequence[ServoMode
         starts = [start_of(begin), *(rung.fit.values for rung in rungs[-1:])]
         fit = fit_servo(trial, model, boxes, starts)
         rungs.append(_judged(trial, folds, fit, boxes))
-    chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [len(rung.fit.values) for rung in rungs])
+    costs = [rung.held_out_relative * (1 + LEAST_GAIN) ** len(rung.fit.values) for rung in rungs]
+    chosen = int(np.argmin(costs))
     return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
 
 
@@ -157,7 +161,7 @@ def _judged(
     fit = replace(fit, deviations=_widened(fit, others))
     train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
     rms, std = held_out_rms(squares)
-    return ServoRung(fit, train / trial.spread, rms / trial.spread, std / trial.spread, tuple(squares))
+    return ServoRung(fit, train / trial.spread, rms / trial.spread, std / trial.spread)
 
 
 def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:

@@ -9,7 +9,11 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
+from norton_bench.logs.between import Compared
 from norton_bench.logs.column_map import Units
+from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, edge_s
+from norton_bench.logs.equation import Problem
+from norton_bench.logs.predictions import Predictions
 from norton_bench.models.parameters import Estimate, Status
 
 
@@ -56,7 +60,11 @@ class Step:
 
 @dataclass(frozen=True)
 class LogFit:
-    """One fit. ``doubtful`` says that the log contradicts itself or the equation: no estimate is then valid."""
+    """One fit. ``doubtful`` says that the log contradicts itself or the equation: no estimate is then valid.
+
+    ``totals`` are Coulomb and viscous friction in total, whatever the model. ``alarms`` say that the fit does not hold
+    on the test, and why. ``between`` are the parts of the training data, fitted apart.
+    """
 
     model: str
     estimates: tuple[Estimate, ...]
@@ -67,16 +75,21 @@ class LogFit:
     test: Errors
     ladder: tuple[Step, ...]
     exertion: Trace
+    totals: tuple[Estimate, ...] = ()
+    alarms: tuple[str, ...] = ()
+    between: Compared | None = None
+    predictions: Predictions | None = None
 
 
+# Beyond so many deviations a sign is no accident.
+SURE = 2.0
 # An estimate less certain than this, relative to itself, is none.
 UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
 PER_DEGREE = "_per_degree"
-# One of many elements of a contact, of which most may have no strength.
+# One of many elements of a contact, of which most may have no strength: their sum is what counts.
 ELEMENT = "slip_torque"
-SIGNED = ("coulomb_torque_",)
 
 
 # The values of a fit as estimates: each with a unit, a deviation and a status.
@@ -88,29 +101,39 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
     if name.endswith(PER_DEGREE):
         dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
         return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
-    known = {"torque_gain": units.gain, "inertia": units.inertia}
+    known = {"torque_gain": units.gain, "inertia": units.inertia, COMMAND: "s", EXERTION: "s"}
     return known.get(name, units.exertion)
 
 
-def estimates_of(fit: FrictionFit, units: Units, exertion_rms: float, *, doubtful: bool) -> tuple[Estimate, ...]:
-    """In the order of the fit, without what its model makes superfluous."""
+def estimates_of(problem: Problem, fit: FrictionFit, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
+    """In the order of the fit; delays with what has been put in place beforehand."""
+    done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
+    edge = dict.fromkeys(done, edge_s(problem))
     return tuple(
-        Estimate(name, float(value), float(std), unit_of(name, fit, units), status)
-        for name, value, std in zip(fit.names, fit.values, fit.deviations, strict=True)
-        if name not in fit.model.replaces
-        for status in (_status(name, float(value), float(std), fit, exertion_rms, doubtful=doubtful),)
+        Estimate(name, value, std, unit_of(name, fit, units), status)
+        for name, more, deviation in zip(fit.names, fit.values, fit.deviations, strict=True)
+        for value, std in ((float(more) + done.get(name, 0.0), float(np.hypot(deviation, edge.get(name, 0.0)))),)
+        for status in (_status(name, value, std, fit, problem, doubtful=doubtful),)
     )
 
 
-def _status(name: str, value: float, std: float, fit: FrictionFit, exertion_rms: float, *, doubtful: bool) -> Status:
+def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Problem, *, doubtful: bool) -> Status:
     if doubtful:
         return Status.DOUBTFUL
     if not fit.converged:
         return Status.NOT_CONVERGED
-    element = name.startswith(ELEMENT)
-    if (name in fit.at_bound and not element) or (name == "inertia" and value <= 0):
+    if name in fit.at_bound or (name == "inertia" and value <= -SURE * std):
         return Status.AT_BOUND
-    scale = max(abs(value), 0.1 * exertion_rms) if element or name.startswith((*MAY_VANISH, *SIGNED)) else abs(value)
+    if name == "inertia" and value <= 0:
+        return Status.UNEXCITED
+    if std == 0.0:
+        return Status.UNEXCITED  # nothing depends on it
+    scale = abs(value)
+    if name.startswith(MAY_VANISH):
+        scale = max(scale, 0.1 * problem.exertion_rms)
+    elif name.endswith(SHIFT):
+        # To within a sample, no delay is as good to know as a delay.
+        scale = max(scale, problem.filters.dt_s)
     return Status.VALID if std <= UNEXCITED_BEYOND * scale else Status.UNEXCITED
 
 
@@ -122,7 +145,11 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
-    names = [name for name in fit.names if name in known and not name.startswith((*MAY_VANISH, *SIGNED, ELEMENT))]
+    names = [
+        name
+        for name in fit.names
+        if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)
+    ]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
 

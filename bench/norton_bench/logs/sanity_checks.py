@@ -38,6 +38,8 @@ LEAD_SAMPLES = 0.5
 LEAD_LEAVES = 0.7  # of the difference between the two, if a lead is what makes it
 # A goal is followed where it and the position agree this well.
 FOLLOWED = 0.8
+# A column this much rougher than the position is no position.
+ROUGHER = 3.0
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,8 @@ def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], 
     names = [name for name in SWAPPABLE if name in logs[0].columns]
     result: list[tuple[float, str]] = []
     for first, second in combinations(names, 2):
+        if first == "position" and not _may_be_position(logs, second):
+            continue
         try:
             other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
         except BenchError:
@@ -173,6 +177,29 @@ def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], 
             )
     if result:
         yield min(result)[1]
+
+
+def _may_be_position(logs: Sequence[Log], other: str) -> bool:
+    """Whether a column can be the position instead: a motion is smooth, and what is said to be it now must not be
+    borne out by a velocity or a goal."""
+    for log in logs:
+        position = log.columns["position"]
+        if other != "goal" and _rough(log.columns[other]) > ROUGHER * _rough(position):
+            return False
+        witness = log.columns.get("velocity")
+        if witness is not None and other != "velocity":
+            followed = np.corrcoef(np.diff(position), witness[1:] + witness[:-1])[0, 1]
+            if followed > FOLLOWED:
+                return False
+        goal = log.columns.get("goal")
+        if goal is not None and other != "goal" and np.ptp(goal) > 0 and np.corrcoef(position, goal)[0, 1] > FOLLOWED:
+            return False
+    return True
+
+
+def _rough(values: FloatArray) -> float:
+    """Of what varies, the share that changes from row to row."""
+    return float(np.std(np.diff(values))) / max(float(np.std(values)), 1e-300)
 
 
 def _with_swapped(log: Log, first: str, second: str) -> Log:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from norton_bench.cli.app import main
@@ -67,11 +68,36 @@ def test_a_doubtful_log_fails_and_says_why(log: Path, capsys: pytest.CaptureFixt
     assert any("sign = -1" in said for said in found["verdict"])
 
 
-def test_a_log_without_a_map_says_how_to_write_one(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_without_a_map_gets_one_that_serves_from_then_on(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log.write_text(log.read_text().replace("t,q,w,u,u2,tau", "t [s],q [rad],w [rad/s],x1,u2,tau [Nm]", 1))
+    proposed = log.parent / "log.map.toml"
+    assert main(["fit", str(log), "--json", "--model", "coulomb-viscous"]) == 0
+    printed = capsys.readouterr()
+    assert f"proposed in {proposed}" in printed.err
+    first = json.loads(printed.out)
+    assert first["parameters"]["torque_gain"]["value"] == pytest.approx(MACHINE.gain, rel=0.01)
+    assert first["totals"]["total_coulomb"]["value"] == pytest.approx(MACHINE.coulomb, rel=0.02)
+    assert main(["fit", str(log), "--json", "--columns", str(proposed), "--model", "coulomb-viscous"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"] == first["parameters"]
+    # What somebody may have mended is not written over.
     assert main(["fit", str(log)]) == 2
-    said = capsys.readouterr().err
-    assert "--columns MAP" in said
-    assert "docs/logs.md" in said
+    assert "is there already" in capsys.readouterr().err
+
+
+def test_predictions_are_a_table_with_units_in_its_header(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = log.parent / "predicted.csv"
+    assert fitted(log, "--quiet", "--test", "6:8 s", "--predict", str(table)) == 0
+    header, *rows = table.read_text().splitlines()
+    assert header == "log,time [s],part,measured [N*m],predicted [N*m],deviation [N*m]"
+    cells = [row.split(",") for row in rows]
+    assert {cell[2] for cell in cells} == {"train", "test"}
+    test = np.array([[float(cell[k]) for k in (1, 3, 4, 5)] for cell in cells if cell[2] == "test"])
+    assert test[0, 0] >= 6.0
+    within = np.abs(test[:, 1] - test[:, 2]) < 2 * test[:, 3]
+    # 95 % of normal errors; those at reversals are larger.
+    assert np.mean(within) > 0.9
+    assert main(["fit", str(log), "--columns", str(log.parent / "map.toml"), "--predict", str(log.parent)]) == 2
+    assert "cannot be written" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("options", [["--train", "0:1 s"], ["--model", "dahl"], ["other.mcap", "--test", "x"]])
@@ -79,7 +105,7 @@ def test_what_only_logs_have_is_refused_for_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
 ) -> None:
     assert main(["fit", str(tmp_path / "x.mcap"), *options]) == 2
-    assert "--columns MAP" in capsys.readouterr().err
+    assert "are for logs of other programs" in capsys.readouterr().err
 
 
 def test_mistakes_in_a_map_are_told_with_their_place(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

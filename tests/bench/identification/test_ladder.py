@@ -25,7 +25,7 @@ def rungs_of(name, coefficients, shape=(), seed=1):
     ("truth", "coefficients", "shape", "wanted"),
     [
         ("coulomb-viscous", [1e-3, 0.02], [], {"coulomb-viscous"}),
-        ("coulomb-viscous-asymmetric", [1e-3, 0.02, 2e-3, 0.03], [], {"coulomb-viscous-asymmetric"}),
+        ("coulomb-viscous-asymmetric", [0.025, 1e-3, 2e-3], [], {"coulomb-viscous-asymmetric"}),
         ("stribeck", [1e-3, 0.02, 0.02], [3.0], {"stribeck"}),
         ("dahl", [1e-3, 0.02, 0.0], [0.1], {"dahl"}),
         ("elasto-plastic", [1e-3, 0.02, 0.0], [0.1, 0.6], {"elasto-plastic"}),

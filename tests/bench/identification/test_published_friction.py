@@ -64,8 +64,13 @@ def test_emps_asymmetric_is_as_published(emps):
         "viscous_damping_negative": 240.42,
         "coulomb_torque_negative": 20.628,
     }
+    # What differs between the directions' Coulomb friction is a constant force.
+    found = {name: fit.value(name) for name in published if name in fit.names} | {
+        f"coulomb_torque_{side}": fit.value("coulomb_torque") + sign * fit.value("offset")
+        for side, sign in (("positive", 1), ("negative", -1))
+    }
     for name, value in published.items():
-        assert fit.value(name) == pytest.approx(value, rel=0.02), name
+        assert found[name] == pytest.approx(value, rel=0.02), name
     assert relative(emps, fit) <= 0.0311
 
 

@@ -40,8 +40,9 @@ def mistakes_in(text: str) -> str:
     return str(raised.value)
 
 
-def test_a_bare_name_is_a_column_in_plain_numbers() -> None:
-    said = mistakes_in(RIGHT)
+def test_a_bare_name_has_the_unit_that_the_log_gives() -> None:
+    assert parse_map(RIGHT, place="m.toml").columns.position == ColumnSection(name="q", unit=None)
+    said = mistakes_in(RIGHT.replace('"q"', '{ name = "q", unit = "" }'))
     assert said == 'm.toml: [columns.position] unit: "" cannot be given in rad; write rad or like it'
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import BenchError, UsageError
-from norton_bench.logs.fit import Request, fit_logs
+from norton_bench.logs.fit import Request, fit_logs, parse_selection
 from norton_bench.models.parameters import Status
-from tests.bench.logs.machines import FREE, LOADED, Machine, column_map, estimate, fit_of, write_csv
+from tests.bench.logs.machines import FREE, LOADED, Columns, Machine, column_map, estimate, fit_of, write_csv
 
 TRUE = Machine()
 VELOCITY = FREE.replace('position = { name = "q", unit = "rad" }', 'velocity = { name = "w", unit = "rad/s" }')
@@ -143,14 +143,46 @@ def test_an_uneven_clock(tmp_path: Path) -> None:
     near(fit_of(tmp_path, TRUE.log(time_s)), **ALL)
 
 
-def test_a_command_logged_late_is_noticed_and_can_be_shifted(tmp_path: Path) -> None:
+def later(log: Columns, name: str, delay_s: float, machine: Machine = TRUE) -> Columns:
+    """The log with one column as it was so long before each row."""
+    return log | {name: machine.log(log["t"] - delay_s)[name]}
+
+
+@pytest.mark.parametrize("delay_ms", [-0.7, 0.9, 20.0])
+def test_a_command_logged_late_or_early_is_found_within_a_sample(tmp_path: Path, delay_ms: float) -> None:
+    """At 2 ms a sample. It is no friction, and no inertia."""
+    fit = fit_of(tmp_path, later(TRUE.log(), "u", 1e-3 * delay_ms))
+    near(fit, **ALL)
+    found = estimate(fit, "command_shift")
+    assert abs(found.value + 1e-3 * delay_ms) < 4 * found.std
+    assert found.std < 3e-4
+    assert not fit.doubtful
+    assert any("command is logged" in said and "is reckoned with" in said for said in fit.verdict) is (delay_ms == 20.0)
+
+
+def test_two_columns_may_be_late_by_different_times(tmp_path: Path) -> None:
+    log = TRUE.log()
+    delayed = TRUE.log(log["t"] - 0.01)
+    torque = TRUE.gain * np.interp(log["t"] - 0.01, log["t"], log["u2"]) - TRUE.needed(log["t"] - 0.01)
+    noise = TRUE.noise * np.random.default_rng(5).standard_normal(log["t"].size)
+    assert delayed["tau"].shape == torque.shape
+    shifted = log | {"u2": np.interp(log["t"] - 0.003, log["t"], log["u2"]), "tau": torque + noise}
+    fit = fit_of(tmp_path, shifted, LOADED)
+    near(fit, torque_gain=TRUE.gain, **ALL)
+    for name, true_s in (("command_shift", -0.003), ("exertion_shift", -0.01)):
+        assert estimate(fit, name).value == pytest.approx(true_s, abs=3e-4)
+
+
+def test_a_delay_that_the_map_gives_is_not_sought(tmp_path: Path) -> None:
     log = TRUE.log()
     log["u"] = np.roll(log["u"], 10)
     log = {name: values[10:] for name, values in log.items()}
-    late = fit_of(tmp_path, log)
-    assert {each.status for each in late.estimates} == {Status.DOUBTFUL}
-    assert any("command is logged about" in said and "later than the motion" in said for said in late.verdict)
-    near(fit_of(tmp_path, log, FREE.replace('unit = "A" }', 'unit = "A", shift = "-20 ms" }')), **ALL)
+    fit = fit_of(tmp_path, log, FREE.replace('unit = "A" }', 'unit = "A", shift = "-20 ms" }'))
+    near(fit, **ALL)
+    assert "command_shift" not in {each.name for each in fit.estimates}
+    unsought = fit_of(tmp_path, log, FREE + "delays = false\n")
+    assert {each.status for each in unsought.estimates} == {Status.DOUBTFUL}
+    assert any("later than the motion" in said for said in unsought.verdict)
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 250.0, 2000.0])
@@ -166,7 +198,7 @@ def test_what_the_data_cannot_tell_apart_is_said(tmp_path: Path) -> None:
     log = {"t": t, "q": q, "u": (0.05 * -(wave**2) * q + 0.3 * q + 0.02 * np.sign(np.cos(wave * t))) / 2}
     log["u"] += 1e-2 * np.random.default_rng(3).standard_normal(t.size)
     fit = fit_of(tmp_path, log, FREE + "gravity = true\n")
-    assert any("only in combination" in said and "inertia" in said and "gravity sine" in said for said in fit.verdict)
+    assert any("Known only" in said and "inertia" in said and "gravity sine" in said for said in fit.verdict)
 
 
 def test_train_and_test_by_time(tmp_path: Path) -> None:
@@ -204,13 +236,26 @@ def test_train_and_test_by_file(tmp_path: Path) -> None:
         ("nowhere.csv", 'no log is named "nowhere.csv"'),
         (" ", "--train: is empty"),
         ("30:40 s", "0 rows are left to learn from"),
-        ("0:3, x", '--train: "x" is no part of the time'),
+        ("0:3, x", 'no log is named "x"'),
+        ("log.csv 5:3 s", '"log.csv 5:3 s" ends before it begins'),
     ],
 )
 def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -> None:
     with pytest.raises(BenchError) as raised:
         fit_of(tmp_path, TRUE.log(), train=train)
     assert said in str(raised.value)
+
+
+def test_every_file_may_have_windows_of_its_own(tmp_path: Path) -> None:
+    paths = [write_csv(tmp_path / f"{name}.csv", TRUE.log()) for name in ("a1", "a2", "b")]
+    request = Request(tuple(paths), column_map(FREE), train="a* 0:8 s, b.csv 5:7 s, b.csv 9:10 s", test="b.csv 12: s")
+    times = {path.name: np.arange(0.05, 20.0, 0.1) for path in paths}
+    assert request.train is not None
+    chosen = parse_selection(request.train, "--train")
+    assert [int(chosen.of(path, times[path.name]).sum()) for path in paths] == [80, 80, 30]
+    fit = fit_logs(request)
+    near(fit, **ALL)
+    assert fit.test.exertion is not None
 
 
 def test_the_ladder_lists_every_model_and_the_best_is_the_true_one(tmp_path: Path) -> None:

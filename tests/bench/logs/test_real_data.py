@@ -30,7 +30,7 @@ def shipped(name: str) -> ColumnMap:
 
 @pytest.fixture(scope="module")
 def emps() -> LogFit:
-    return fit_logs(Request((data_file("emps", "DATA_EMPS.mat"),), shipped("emps")))
+    return fit_logs(Request((data_file("emps", "DATA_EMPS.mat"),), shipped("emps"), model="coulomb-viscous"))
 
 
 def check_emps(fit: LogFit, looser: float = 1.0) -> None:
@@ -53,6 +53,18 @@ def test_emps_best_is_lower_and_not_by_fitting_noise(emps: LogFit) -> None:
     published = next(step for step in emps.ladder if step.model == "coulomb-viscous")
     assert best.train_relative < 0.0311
     assert best.held_out_relative < published.held_out_relative
+
+
+def test_emps_finds_its_delay_and_a_model_of_few_numbers() -> None:
+    """The command is held for a sample: it acts half a sample later, and whatever the drive's own lag is."""
+    few = shipped("emps").model.model_copy(update={"candidates": ("stribeck-asymmetric", "film-asymmetric")})
+    quick = replace(shipped("emps"), model=few)
+    fit = fit_logs(Request((data_file("emps", "DATA_EMPS.mat"),), quick))
+    assert fit.train.exertion is not None
+    assert fit.train.exertion.relative <= 0.022
+    assert len(fit.estimates) <= 15
+    assert all(each.status is Status.VALID for each in fit.estimates)
+    assert 0.4e-3 < estimate(fit, "command_shift").value < 1.0e-3
 
 
 def test_emps_moves_in_its_own_loop_as_it_was_measured(emps: LogFit) -> None:
@@ -82,7 +94,8 @@ def test_the_same_map_fits_other_records_of_that_rig(tmp_path: Path, change: Cal
     savemat(tmp_path / "other.mat", change(emps_columns()))
     column_map = shipped("emps")
     # The ladder has nothing to say here, and takes its time.
-    alone = replace(column_map, model=column_map.model.model_copy(update={"candidates": ("coulomb-viscous",)}))
+    only = {"candidates": ("coulomb-viscous",), "friction": "coulomb-viscous"}
+    alone = replace(column_map, model=column_map.model.model_copy(update=only))
     check_emps(fit_logs(Request((tmp_path / "other.mat",), alone)), looser=1.5)
 
 
@@ -94,3 +107,18 @@ def test_tribometer_in_presliding() -> None:
     assert best.held_out_relative <= 0.048
     assert fit.train.motion is None
     assert not fit.doubtful
+
+
+def test_the_tribometers_second_half_is_foretold_by_its_first_as_a_record_of_its_own(tmp_path: Path) -> None:
+    header, *rows = data_file("tribometer", "first_half.tsv").read_text().splitlines()
+    halves = tmp_path / "first.tsv", tmp_path / "second.tsv"
+    middle = len(rows) // 2
+    for path, part in zip(halves, (rows[:middle], rows[middle:]), strict=True):
+        path.write_text("\n".join([header, *part]))
+    column_map = shipped("tribometer")
+    for name, limit in (("elasto-plastic-asymmetric", 0.045), ("dahl", 0.25)):
+        one = column_map.model.model_copy(update={"candidates": (name,), "friction": name})
+        fit = fit_logs(Request(halves, replace(column_map, model=one), test="second.tsv"))
+        assert fit.test.exertion is not None
+        assert fit.test.exertion.relative <= limit
+        assert not fit.alarms

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.friction_fit import fit_friction
-from norton_bench.identification.friction_laws import CONTAINS, FAMILY, model
+from norton_bench.identification.friction_laws import CONTAINS, FAMILY, FILMS, model
 from norton_bench.identification.friction_model import Equation, Path, blocked_folds
 from norton_bench.report.sections_checks import ASSUMES, worse_though_richer
 
@@ -85,7 +85,7 @@ def test_models_said_to_contain_another_fit_its_data(name: str, inner: str) -> N
 
 
 def test_every_model_of_the_family_is_known_here() -> None:
-    names = {member.name for member in FAMILY}
+    names = {member.name for member in (*FAMILY, *FILMS)}
     assert set(CONTAINS) <= names
     assert {inner for inners in CONTAINS.values() for inner in inners} <= names
     assert set(ASSUMES) <= names

@@ -1,0 +1,252 @@
+"""A column map proposed for a log: columns by their names, units by names and mechanics, signs by the power balance.
+
+It is a beginning that its reader must check: the sentences say what was taken for granted.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from norton_bench.arrays import FloatArray
+from norton_bench.errors import BenchError, UsageError
+from norton_bench.logs.column_map import LogSection, parse_map
+from norton_bench.logs.equation import make_problem
+from norton_bench.logs.files import SUFFIXES, Content, plain_unit, read_file, split_unit
+from norton_bench.logs.grid import common_interval, stretches
+from norton_bench.logs.log import read_log, usable_rows
+from norton_bench.logs.sanity_checks import Basic
+from norton_bench.rig.files import toml
+from norton_bench.units import conversion
+
+# What a column holds, by its name without case, in the order in which they are asked: a "position goal" is a goal, a
+# "torque command" a command.
+NAMES: Mapping[str, str] = {
+    "time": r"^(t|ts|sec|secs|seconds)$|time|stamp|zeit|clock",
+    "goal": r"goal|set.?point|target|desired|reference|(^|_)(ref|des|soll)(_|$)",
+    "command": r"command|(^|_)(cmd|i|iq|u|pwm|amps?|volts?)(_|$|\d)|current|voltage|duty|strom",
+    "exertion": r"torque|(^|_)(tau|trq|moment)(_|$|\d)|force|effort|load.?cell|drehmoment|kraft",
+    "velocity": r"veloc|speed|(^|_)(vel|omega|qd|dq|rpm|w|v)(_|$|\d)|geschwindigkeit",
+    "position": r"position|angle|encoder|displacement|(^|_)(pos|theta|phi|q|qm|x)(_|$|\d)|winkel|weg",
+    "temperature": r"temp",
+}
+# Units at the end of a name, longest first.
+ENDINGS: Mapping[str, str] = {
+    "rad_s": "rad/s", "deg_s": "deg/s", "mm_s": "mm/s", "m_s": "m/s", "rpm": "rpm", "rad": "rad", "deg": "deg",
+    "mm": "mm", "um": "um", "nm": "N*m", "ms": "ms", "us": "us", "ns": "ns", "ma": "mA", "s": "s", "m": "m", "n": "N",
+    "a": "A", "v": "V", "c": "degC",
+}  # fmt: skip
+# Without a word of it, the unit of time is that in which rows follow each other by this much at most.
+CLOCKS = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
+SLOWEST_S = 0.5
+# Velocity over the derivative of position as it stands, where units were not told; and how near is near.
+RATIOS = ((1.0, None, None), (180 / np.pi, "rad", "deg/s"), (np.pi / 180, "deg", "rad/s"), (30 / np.pi, "rad", "rpm"))
+NEAR = 0.1
+LENGTHS = ("m", "mm", "um", "cm", "km")
+ALIKE = 0.7
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One column of the proposal."""
+
+    name: str
+    unit: str
+    sign: int = 1
+
+
+def write_proposal(log: Path, folder: Path | None) -> tuple[Path, tuple[str, ...]]:
+    """The map's file, beside the log or in ``folder``, and what its reader must know.
+
+    Raises UsageError where no column can be told from its name, or a map of that name is there already.
+    """
+    path = (folder or log.parent) / f"{log.stem}.map.toml"
+    if path.exists():
+        raise UsageError(f"{path}: is there already; name it with --columns {path}, or remove it for a new proposal")
+    text, sentences = propose(log)
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written ({error.strerror}); name a folder with --out") from error
+    return path, sentences
+
+
+def propose(log: Path) -> tuple[str, tuple[str, ...]]:
+    """The map's text, and what its reader must know. Raises UsageError as :func:`write_proposal`."""
+    if log.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"{log}: its kind is not known by its name; write a map with [log] format, as in docs/logs.md")
+    content = read_file(log, LogSection(motion="rotation"))
+    guesses, sentences = _columns(content)
+    _check(log, content, guesses)
+    guesses, by_motion = _by_motion(content, guesses)
+    guesses, by_power = _by_power(log, guesses)
+    return _text(log, guesses), (*sentences, *by_motion, *by_power)
+
+
+def _columns(content: Content) -> tuple[dict[str, Guess], list[str]]:
+    """Columns by name; of several that could be the same the first."""
+    usual = Counter(array.size for array in content.arrays.values()).most_common(1)[0][0]
+    guesses: dict[str, Guess] = {}
+    sentences: list[str] = []
+    for name, array in content.arrays.items():
+        if array.size != usual:
+            continue
+        bare, behind = split_unit(name)
+        what = next((each for each, pattern in NAMES.items() if re.search(pattern, bare.split("/")[-1].lower())), None)
+        if what is None:
+            continue
+        if what in guesses:
+            sentences.append(f'"{name}" may be the {what} too; "{guesses[what].name}" is taken.')
+            continue
+        guesses[what] = Guess(name, _unit(bare, behind))
+    return guesses, sentences
+
+
+def _unit(bare: str, behind: str) -> str:
+    """The unit behind the name, or at its end; empty where neither is one."""
+    try:
+        return plain_unit(behind)
+    except ValueError:
+        ending = next((each for each in ENDINGS if bare.lower().endswith(f"_{each}")), None)
+        return ENDINGS[ending] if ending else ""
+
+
+def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
+    missing = []
+    if "time" not in guesses:
+        missing.append("a time")
+    if not {"position", "velocity"} & set(guesses):
+        missing.append("a position or velocity")
+    if not {"command", "exertion"} & set(guesses):
+        missing.append("a command or exertion")
+    if missing:
+        known = ", ".join(list(content.arrays)[:12])
+        raise UsageError(
+            f"{log}: no column can be told by its name to be {' and '.join(missing)}; there are {known}: write a map "
+            "as in docs/logs.md, and name it with --columns"
+        )
+
+
+def _by_motion(content: Content, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
+    """Units that no name gives: the clock's by its rows, the motion's by velocity against position."""
+    result, sentences = dict(guesses), []
+    time = content.arrays[guesses["time"].name]
+    if not guesses["time"].unit:
+        step = float(np.nanmedian(np.diff(time)))
+        unit = next((unit for unit, per_s in CLOCKS if step / per_s <= SLOWEST_S), "s")
+        result["time"] = replace(guesses["time"], unit=unit)
+        sentences.append(
+            f'the time "{guesses["time"].name}" is taken to be in {unit}: rows are {step:.4g} {unit} apart.'
+        )
+    time_s = time * conversion(result["time"].unit, "s")[0]
+    if {"position", "velocity"} <= set(guesses):
+        sentences += _velocity(content, time_s, result)
+    for what, unit in _assumed(result).items():
+        if what in result and not result[what].unit:
+            result[what] = replace(result[what], unit=unit)
+            sentences.append(f'the {what} "{result[what].name}" is taken to be in {unit}, for nothing tells.')
+    return result, sentences
+
+
+def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
+    """The units of what neither a name nor another column tells."""
+    length = _translation(guesses)
+    position = guesses["position"].unit if "position" in guesses else ""
+    return {
+        "position": "m" if length else "rad",
+        "velocity": "m/s" if length else "rad/s",
+        "goal": position or ("m" if length else "rad"),
+        "exertion": "N" if length else "N*m",
+        "temperature": "degC",
+    }
+
+
+def _velocity(content: Content, time_s: FloatArray, result: dict[str, Guess]) -> list[str]:
+    """Whether the velocity is the derivative of the position, and by which factor."""
+    position, velocity = result["position"], result["velocity"]
+    steps = np.diff(time_s)
+    good = steps > 0
+    derived = np.diff(content.arrays[position.name])[good] / steps[good]
+    logged = (0.5 * (content.arrays[velocity.name][1:] + content.arrays[velocity.name][:-1]))[good]
+    finite = np.isfinite(derived) & np.isfinite(logged)
+    derived, logged = derived[finite], logged[finite]
+    alike = float(np.corrcoef(derived, logged)[0, 1]) if np.ptp(derived) and np.ptp(logged) else 0.0
+    if abs(alike) < ALIKE:
+        del result["velocity"]
+        return [f'"{velocity.name}" is not the derivative of "{position.name}", and is left out.']
+    factor = abs(float(derived @ logged / (derived @ derived))) / alike**2
+    sentences = []
+    if alike < 0:
+        result["velocity"] = velocity = replace(velocity, sign=-1)
+        sentences.append(f'"{velocity.name}" runs against "{position.name}": its sign is turned.')
+    if position.unit and velocity.unit:
+        return sentences
+    for ratio, of_position, of_velocity in RATIOS:
+        if abs(factor / ratio - 1) < NEAR and of_position is not None:
+            result["position"] = replace(position, unit=position.unit or of_position)
+            result["velocity"] = replace(velocity, unit=velocity.unit or str(of_velocity))
+            sentences.append(
+                f'"{velocity.name}" is {factor:.3g} times the derivative of "{position.name}": they are taken to be in '
+                f"{result['velocity'].unit} and {result['position'].unit}."
+            )
+    return sentences
+
+
+def _translation(guesses: Mapping[str, Guess]) -> bool:
+    units = [guesses[name].unit for name in ("position", "velocity", "exertion") if name in guesses]
+    return any(unit.split("/")[0] in LENGTHS or unit in ("N", "kN", "mN") for unit in units)
+
+
+def _by_power(log: Path, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
+    """The sign of what drives: turned if inertia or friction come out negative as it is, and do not then."""
+    what = "exertion" if "exertion" in guesses else "command"
+    turned = guesses | {what: replace(guesses[what], sign=-guesses[what].sign)}
+    try:
+        if not _sound(log, guesses) and _sound(log, turned):
+            name = guesses[what].name
+            return turned, [f'the sign of the {what} "{name}" is turned: else friction would drive the motion.']
+    except BenchError:
+        pass  # the fit itself says what is wrong
+    return guesses, []
+
+
+def _sound(log: Path, guesses: Mapping[str, Guess]) -> bool:
+    column_map = parse_map(_text(log, guesses), place=str(log))
+    one = usable_rows(read_log(log, column_map))
+    parts, _ = stretches(one, common_interval([one], None), None)
+    everything = [(np.ones(len(part.time_s), dtype=bool), np.zeros(len(part.time_s), dtype=bool)) for part in parts]
+    return Basic.of(make_problem(column_map, parts, everything)).sound
+
+
+def _text(log: Path, guesses: Mapping[str, Guess]) -> str:
+    """The map as a file."""
+    motion = "translation" if _translation(guesses) else "rotation"
+    lines = [
+        f"# Proposed from the names, units and motion of {log.name}: check every line.",
+        f"title = {toml(log.stem)}",
+        "",
+        "[log]",
+        f'motion = "{motion}"',
+        "",
+        "[columns]",
+    ]
+    for what, guess in guesses.items():
+        unit = f", unit = {toml(guess.unit)}" if guess.unit else ""
+        sign = ", sign = -1" if guess.sign < 0 else ""
+        lines.append(f"{what} = {{ name = {toml(guess.name)}{unit}{sign} }}")
+    lines += _advice(guesses, "N" if motion == "translation" else "N*m")
+    return "\n".join(lines) + "\n"
+
+
+def _advice(guesses: Mapping[str, Guess], exertion: str) -> Sequence[str]:
+    if "exertion" in guesses or "command" not in guesses:
+        return ()
+    unit = guesses["command"].unit or "1"
+    return (
+        "",
+        "[actuator]",
+        f'# Without it, only ratios are known: torque_gain = "... {exertion}/({unit})"',
+    )

@@ -1,0 +1,75 @@
+"""A map proposed from names, units and mechanics is the one that the log was written by."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from norton_bench.errors import UsageError
+from norton_bench.logs.column_map import ColumnMap, parse_map
+from norton_bench.logs.propose import propose, write_proposal
+from tests.bench.logs.machines import Columns, Machine, write_csv
+
+LOG = Machine(duration_s=6.0, rate_hz=200.0).log()
+
+
+def proposed(folder: Path, columns: Columns) -> tuple[ColumnMap, str]:
+    """The map of a log with these columns, and what was said."""
+    text, sentences = propose(write_csv(folder / "log.csv", columns))
+    return parse_map(text, place="proposed"), " ".join(sentences)
+
+
+def test_units_and_signs_that_no_name_tells_follow_from_mechanics(tmp_path: Path) -> None:
+    columns = {"time_ms": 1e3 * LOG["t"], "angle": LOG["q"], "speed": -np.rad2deg(LOG["w"]), "current [A]": -LOG["u"]}
+    found, said = proposed(tmp_path, columns)
+    assert found.columns.time is not None
+    assert found.columns.time.unit == "ms"
+    assert found.columns.position is not None
+    assert found.columns.position.unit == "rad"
+    assert found.columns.velocity is not None
+    assert (found.columns.velocity.unit, found.columns.velocity.sign) == ("deg/s", -1)
+    assert found.columns.command is not None
+    assert (found.columns.command.unit, found.columns.command.sign) == ("A", -1)
+    assert "57.3 times the derivative" in said
+    assert "the sign of the command" in said
+
+
+def test_what_is_assumed_is_said(tmp_path: Path) -> None:
+    found, said = proposed(tmp_path, {"t": LOG["t"], "q": LOG["q"], "u2": LOG["u2"], "tau": LOG["tau"]})
+    assert found.columns.exertion is not None
+    assert (found.columns.exertion.unit, found.columns.exertion.sign) == ("N*m", 1)
+    for assumed in ('"t" is taken to be in s', '"q" is taken to be in rad', '"tau" is taken to be in N*m'):
+        assert assumed in said
+
+
+def test_a_slide_is_known_by_its_units(tmp_path: Path) -> None:
+    columns = {"t": LOG["t"], "position [mm]": 1e3 * LOG["q"], "voltage_v": LOG["u"], "force": LOG["tau"]}
+    found, _ = proposed(tmp_path, columns)
+    assert found.translation
+    assert found.columns.exertion is not None
+    assert found.columns.exertion.unit == "N"
+
+
+def test_a_velocity_that_is_none_is_left_out_and_a_second_joint_named(tmp_path: Path) -> None:
+    noise = np.random.default_rng(41).standard_normal(LOG["t"].size)
+    columns = {"t": LOG["t"], "q1": LOG["q"], "q2": LOG["w"], "vel": noise, "u1": LOG["u"]}
+    found, said = proposed(tmp_path, columns)
+    assert found.columns.velocity is None
+    assert '"vel" is not the derivative of "q1"' in said
+    assert '"q2" may be the position too' in said
+
+
+@pytest.mark.parametrize("columns", [{"a": LOG["t"], "b": LOG["q"]}, {"t": LOG["t"], "q": LOG["q"]}])
+def test_names_that_tell_nothing_are_refused_with_those_that_there_are(tmp_path: Path, columns: Columns) -> None:
+    with pytest.raises(UsageError, match="no column can be told by its name to be") as raised:
+        propose(write_csv(tmp_path / "log.csv", columns))
+    assert "there are" in str(raised.value)
+
+
+def test_a_proposal_that_is_there_is_not_written_over(tmp_path: Path) -> None:
+    log = write_csv(tmp_path / "log.csv", LOG)
+    path, _ = write_proposal(log, None)
+    path.write_text("mended")
+    with pytest.raises(UsageError, match="is there already"):
+        write_proposal(log, None)
+    assert path.read_text() == "mended"
