@@ -108,7 +108,9 @@ def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> Dev
     settings = _device(role, section, options)
     if declared is None:
         return settings
-    return replace(settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band)
+    return replace(
+        settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band, servo=declared.servo
+    )
 
 
 def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:
