@@ -4,19 +4,22 @@ from dataclasses import dataclass
 from math import inf
 
 
+SHORTEST_WINDOW_S = 1e-6  # of a loop that knows the velocity at once
+
+
 @dataclass(frozen=True)
 class Servo:
     """A position loop in a drive: torque = stiffness · (goal − θ) − damping · ω, up to a limit.
 
     The loop runs at its own rate: on average it acts ``delay_s`` later than the shaft moves. It takes the velocity from
-    two positions ``window_s`` apart, 0 where it knows the velocity at once. ``greatest_nm`` is the limit as it is set
-    in the drive, infinite where nobody knows. Torques are the drive's own, before its error of scale.
+    two positions ``window_s`` apart. ``greatest_nm`` is the limit as it is set in the drive, infinite where nobody
+    knows. Torques are the drive's own, before its error of scale.
     """
 
     stiffness_nm_rad: float
     damping_nms_rad: float = 0.0
     delay_s: float = 0.0
-    window_s: float = 0.0
+    window_s: float = SHORTEST_WINDOW_S
     greatest_nm: float = inf
 
     @property

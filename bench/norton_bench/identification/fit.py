@@ -295,6 +295,7 @@ def _in_terms_of_network(
     terms = terms_found(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
+    network = replace(network, servo=stretches[0].servo)
     waves = waves_found(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
     network = replace(network, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()

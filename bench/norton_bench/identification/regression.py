@@ -298,7 +298,7 @@ class Regression:
         at = self._on_own_time(shape)
         other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
         other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
-        lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
+        lag_rate = self.chosen([rows.lag_rate(at) for rows in self.rows])
         lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
         left = np.zeros(columns.shape[1]) if memory is None else memory.left
         held = np.zeros(left.size) if states is None else states
@@ -346,4 +346,7 @@ class Regression:
         waves = self.cogging if len(linear) > len(LINEAR) else ()  # whose size nobody asks for
         rates = self.chosen([rows.rates(shape, waves) for rows in self.rows])
         moving = len(LINEAR) + 2 * len(waves)
-        return np.asarray(linear[INERTIA:moving] @ rates[:-1] + states * rates[-1])
+        slope = linear[INERTIA:moving] @ rates[:-1] + states * rates[-1]
+        if self.rows[0].signals.servo is not None:
+            slope -= linear[GAIN] * self.chosen([rows.held_back(shape, 1) for rows in self.rows])
+        return np.asarray(slope)

@@ -16,13 +16,15 @@ from scipy.optimize import minimize
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.separable import Solution
-from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, drifted
+from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models import network_steps
 from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
+from norton_drivers.servo import Servo
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -268,11 +270,18 @@ class SimulatedStretch:
         stretch, shape = self.stretch, solution.shape
         acts_s = np.maximum.accumulate(stretch.sent_s + travel_s) + shape.command_delay_s  # nothing overtakes
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
+        if stretch.servo is not None:
+            lag = lag - self._held_back(shape, stretch.servo)
         if shape.changes(Factor.GAIN):
             read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
             lag = lag * network_steps.gains(shape.row, lag, self.motion(read_s))
             lag *= drifted(shape.row, GAIN_DRIFT, self.time_s - solution.regression.rows[0].middle_s)
         return np.asarray(solution.linear[GAIN] * lag)
+
+    def _held_back(self, shape: Shape, servo: Servo) -> FloatArray:
+        """What a servo takes off its command behind the amplifier's lag, (n,)."""
+        read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
+        return lag_of_place(servo, shape.bandwidth_rad_s, self.motion(read_s), self.stretch.tick_s / FINE)
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.parameters import BY_NAME, PredictionError
+from norton_bench.models.servo_file import servo_as_json, servo_from_json
 from norton_bench.models.terms import (
     ASYMMETRY,
     DRAG,
@@ -33,6 +34,7 @@ from norton_bench.models.terms import (
     row_of,
     waves_of,
 )
+from norton_drivers.servo import Servo
 
 FORMAT = "norton-network"
 VERSION = 1
@@ -57,6 +59,7 @@ PARAMETER_OF_FIELD = {
     "presliding_damping_nms_rad": "presliding_damping",
     "torque_constant": "torque_constant",
     "amplifier_gain": "amplifier_gain",
+    "torque_limit_nm": "torque_limit",
 }
 # In the provenance: the status of each parameter that is not valid, "name=status; name=status".
 STATUS = "status"
@@ -93,11 +96,13 @@ class NortonNetwork:
     command_unit: str
     torque_constant: float | None = None
     amplifier_gain: float | None = None
+    torque_limit_nm: float | None = None
     covariance_names: tuple[str, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
     terms: tuple[NetworkTerm, ...] = ()  # what it has beside the paper's motor
+    servo: Servo | None = None  # its position loop: the gain is then its stiffness, and c the lag of c − θ − lead·ω
 
     @classmethod
     def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
@@ -136,10 +141,14 @@ class NortonNetwork:
     def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
         """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
 
+        A servo has none: it goes where its command says.
+
         Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
         not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
         """
         row, asked = self.row, np.asarray(command, dtype=float)
+        if self.servo is not None:
+            return np.zeros_like(asked)
         torque = self.torque_gain * asked / (1.0 + row[SATURATION] * asked**2)
         side = np.sign(torque)
         directed = self.coulomb_torque_nm * (1.0 + side * row[ASYMMETRY])
@@ -199,6 +208,8 @@ class NortonNetwork:
             self.row,
             waves_of(self.terms),
             np.array([position_rad, velocity_rad_s, motor_torque_nm, phi]),
+            self._loop,
+            self.servo is not None,
         )
         return motion[0], motion[1], motion[2]
 
@@ -219,8 +230,7 @@ class NortonNetwork:
 
         position = np.ascontiguousarray(position_rad, dtype=float)
         held = np.ascontiguousarray(command, dtype=float)
-        decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
-        lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
+        lagged = self._lagged(held, position, tick_s, motor_torque_nm / self.torque_gain)
         row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         velocity = np.gradient(position, tick_s)
         known = self.torque_gain * network_steps.gains(row, lagged, position) * lagged
@@ -235,6 +245,24 @@ class NortonNetwork:
             torque = known - self.presliding_stiffness_nm_rad * phi
             torque -= self.presliding_damping_nms_rad * np.gradient(phi, tick_s)
         return np.asarray(torque)
+
+    def _lagged(self, command: FloatArray, position_rad: FloatArray, tick_s: float, start: float) -> FloatArray:
+        """Behind the amplifier's lag, at every tick (n,), per unit of gain."""
+        from norton_bench.models import network_steps, servo_steps  # noqa: PLC0415  (compiled: slow to import)
+
+        bandwidth_rad_s = self.amplifier_bandwidth_rad_s
+        if self.servo is None:
+            return network_steps.lagged(command, float(np.exp(-bandwidth_rad_s * tick_s)), start)
+        substeps = ceil(tick_s / LONGEST_STEP_S - 1e-9)
+        return servo_steps.lagged(command, position_rad, bandwidth_rad_s, tick_s, substeps, self._loop, start)
+
+    @property
+    def _loop(self) -> tuple[float, float, float, float]:
+        """Lead, delay and window [s] of its servo, and limit [rad]; nothing where it has none."""
+        if self.servo is None:
+            return 0.0, 0.0, 1.0, inf
+        limit = inf if self.torque_limit_nm is None else self.torque_limit_nm / abs(self.torque_gain)
+        return self.servo.lead_s, self.servo.delay_s, self.servo.window_s, limit
 
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:
@@ -272,10 +300,11 @@ class NortonNetwork:
         parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in self.parameters().items()}
         return {
             "format": FORMAT,
-            "version": VERSION_WITH_TERMS if self.terms else VERSION,
+            "version": VERSION_WITH_TERMS if self.terms or self.servo else VERSION,
             "command_unit": self.command_unit,
             "parameters": parameters,
             **({"terms": [self._term_as_json(term) for term in self.terms]} if self.terms else {}),
+            **({} if self.servo is None else {"servo": servo_as_json(self.servo)}),
             "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
             **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
             "provenance": dict(self.provenance),
@@ -313,6 +342,7 @@ class NortonNetwork:
             provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
             prediction=_read_prediction(path, content.get("prediction")),
             terms=tuple(_read_term(path, _object(each)) for each in content.get("terms") or ()),
+            servo=None if content.get("servo") is None else servo_from_json(path, content["servo"]),
         )
 
 

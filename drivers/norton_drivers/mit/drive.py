@@ -10,7 +10,7 @@ from norton_drivers.codecs.mit import Ranges
 from norton_drivers.link import Link
 from norton_drivers.mit.actuator import MitActuator
 from norton_drivers.mit.replies import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from norton_drivers.servo import Servo
+from norton_drivers.servo import SHORTEST_WINDOW_S, Servo
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 LEAST_PROBE_STEPS = 8
@@ -122,7 +122,7 @@ class MitOptions(DeviceOptions):
         25e-6, alias="loop_period", gt=0, le=1e-3, description="how often the drive works out its position loop"
     )
     velocity_window_s: float = Field(
-        475e-6, alias="velocity_window", ge=0, le=5e-3, description="how far apart are the positions that give it ω"
+        475e-6, alias="velocity_window", ge=SHORTEST_WINDOW_S, le=5e-3, description="how far apart are the positions that give it ω"
     )
 
     @property
