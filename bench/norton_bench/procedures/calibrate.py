@@ -173,7 +173,7 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
 
 def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
     """The friction of the actuator, where the calibration gives it and the inertia well enough."""
-    if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator):
+    if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator) or actuator.network.servo:
         return None
     network = actuator.network.dissipative()
     return ActuatorFriction(

@@ -115,6 +115,7 @@ SEARCH_S = 2.5  # how long a torque grows until the shaft moves
 REST_S = 0.3
 # The shaft moves: it is faster than this share of the velocity limit.
 MOVING = 0.03
+MOVING_GOAL_SHARE = 0.3  # or, of a servo, than it is at this share of its greatest goal
 # Where the torque sensor measured no more than noise: further pushes, to these multiples of that speed. The torque at
 # the port grows with it, and every push averages the noise more.
 FASTER = (2.0, 4.0, 8.0)
@@ -137,7 +138,7 @@ class TareProcedure:
 
     def plan(self, known: Knowledge) -> Plan:
         rig = known.rig
-        moving_rad_s = MOVING * rig.limits.velocity_rad_s
+        moving_rad_s = moving_velocity_rad_s(rig)
         rest = yield coasting(self.name, "rest", Use.TARE, hold(0.0, self.options.duration_s, known.tick_s))
         if rig.wiring.load is not None:
             torque_nm = growth(greatest_load_torque(rig), SEARCH_S, known.tick_s)
@@ -177,6 +178,15 @@ class TareProcedure:
             moving_load_nm=_last(parts.get("load pushes"), "load_torque_nm"),
         )
         return replace(known, tare=tare)
+
+
+def moving_velocity_rad_s(rig: Rig) -> float:
+    """From which on the shaft counts as turning."""
+    moving_rad_s = MOVING * rig.limits.velocity_rad_s
+    if rig.servo is None:
+        return moving_rad_s
+    # It follows a goal that grows by this factor a second, and reaches the velocity at a share of its greatest goal.
+    return min(moving_rad_s, MOVING_GOAL_SHARE * np.log(100.0) / SEARCH_S * rig.command.limit)
 
 
 def greatest_load_torque(rig: Rig) -> float:

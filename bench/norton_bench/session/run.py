@@ -61,7 +61,8 @@ def guard_model_of(known: Knowledge) -> GuardModel:
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
         sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
         still_swing_nm=None if shaken is None else max(still_swing_nm(tared), still_swing_nm(shaken)),
-        actuator=_actuator(known.actuator, known.rig.limits.velocity_rad_s),
+        # A servo's torque does not follow from its command and velocity.
+        actuator=None if known.rig.servo else _actuator(known.actuator, known.rig.limits.velocity_rad_s),
         load=None if calibration is None else _load(calibration),
     )
 
