@@ -299,7 +299,7 @@ class SessionRun:
     def _foresee(self, segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
         """With the free motion to expect under zero torque, where a network predicts it well enough."""
         known = self.so_far.known
-        if known.calibration is None or known.actuator is None:
+        if known.calibration is None or known.actuator is None or known.rig.servo is not None:
             return segment
         knows_friction = known.calibration.actuator_friction is not None
         network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)
