@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from math import inf
 
-
 SHORTEST_WINDOW_S = 1e-6  # of a loop that knows the velocity at once
 
 

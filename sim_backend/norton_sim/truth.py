@@ -191,6 +191,8 @@ def true_parameters(
         "torque_constant": motor.Km,
         "amplifier_gain": motor.Ka,
     }
+    if truth.actuator.current_limit_a is not None:
+        values["torque_limit"] = motor.Km * truth.actuator.current_limit_a
     values |= _of_departures(truth.actuator, values)
     table = BY_NAME | TERM_PARAMETERS
     named = {name: (value, table[name].unit_for(command_unit)) for name, value in values.items()}

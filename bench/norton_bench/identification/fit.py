@@ -37,6 +37,7 @@ from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
+from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.models.terms import NetworkTerm
@@ -292,6 +293,8 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
+    limit = torque_limit(solution, values, covariance)
+    estimates += [] if limit is None else [limit]
     terms = terms_found(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))

@@ -12,8 +12,24 @@ from norton_bench.procedures.excitations import Sized, bounds_of, imposed_within
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
-from norton_bench.procedures.servo_plans import LIMIT_STRETCH, imposed_stretches, limit_stretch, servo_imposed_s
-from norton_bench.procedures.waves import Motion, hold, imposed, multisine_motion, ramp, sine_motion, velocity_steps
+from norton_bench.procedures.servo_plans import (
+    LIMIT_STRETCH,
+    SHAKES,
+    imposed_stretches,
+    limit_stretch,
+    servo_imposed_s,
+    shaken,
+)
+from norton_bench.procedures.waves import (
+    Motion,
+    hold,
+    imposed,
+    multisine_motion,
+    pushed,
+    ramp,
+    sine_motion,
+    velocity_steps,
+)
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
@@ -66,8 +82,12 @@ class ImposedProcedure:
     def plan(self, known: Knowledge) -> Plan:
         for name, sized in self._stretches(known):
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
-        if known.rig.servo is not None and (limit := limit_stretch(known)) is not None:
-            yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
+        if known.rig.servo is not None:
+            for shake in range(SHAKES):
+                load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=31 + 2 * shake)
+                yield pushed(self.name, "shaken", Use.IDENTIFY, load_nm, goal)
+            if (limit := limit_stretch(known)) is not None:
+                yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:

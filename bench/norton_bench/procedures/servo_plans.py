@@ -11,7 +11,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, free_within, imposed_within
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.waves import Motion, multisine, multisine_motion, ramp, sine_motion, staircase
+from norton_bench.procedures.waves import Motion, highest_hz, multisine, multisine_motion, ramp, sine_motion, staircase
 from norton_drivers.servo import Servo
 
 # Of the greatest command: room for what the drive rounds.
@@ -23,6 +23,8 @@ FOLLOWED_HZ = 60.0
 LOW_HZ = 0.2
 MOVE_S = 0.4
 HELD_TOO = 1.3  # durations of the multisine: itself, and a goal alone
+SHAKES = 2  # each of half of that duration
+SHAKEN_BY = 2.5  # times what would turn the servo as far as a goal: most of it is too fast for that
 HIGHEST_MOTION_HZ = 40.0
 # To and fro at a constant goal: frequency, cycles, and share of the greatest motion.
 SWINGS = ((0.5, 4, 1.0), (2.0, 6, 1.0), (8.0, 16, 0.5))
@@ -105,6 +107,18 @@ def imposed_stretches(
         yield name, imposed_within(bounds, np.zeros(len(loop.position_rad)), loop)
 
 
+def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Load torque [N m] and goal [rad], both up to fast changes: the lag of the amplifier, inertia and damping show
+    where a load that follows a motion hardly gets to. The servo is the spring that keeps the shaft in its place."""
+    tick_s, size_rad = known.tick_s, room_rad(known)
+    load, goal = (
+        multisine(duration_s, tick_s, low_hz=1.0, high_hz=highest_hz(tick_s), seed=each, slope=-0.25)
+        for each in (seed, seed + 1)
+    )
+    torque_nm = min(servo_of(known).stiffness_nm_rad * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
+    return torque_nm * load, size_rad * goal
+
+
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
     """A goal and a motion between which the servo reaches its limit; None where the rig does not let it, or nobody
     knows where that is."""
@@ -125,7 +139,7 @@ def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
 def servo_imposed_s(duration_s: float) -> float:
     """How long the stretches take, but for the loops."""
     return (
-        HELD_TOO * duration_s
+        (HELD_TOO + 0.5 * SHAKES) * duration_s
         + sum(cycles / frequency_hz for frequency_hz, cycles, _ in SWINGS)
         + (LIMIT_CYCLES / LIMIT_HZ)
     )

@@ -12,8 +12,8 @@ from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
-from norton_bench.procedures.servo_plans import free_goal, imposed_stretches, servo_imposed_s
-from norton_bench.procedures.waves import hold, imposed, ramp, sine_motion, velocity_steps, zero_torque
+from norton_bench.procedures.servo_plans import SHAKES, free_goal, imposed_stretches, servo_imposed_s, shaken
+from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
@@ -60,6 +60,10 @@ class ValidateProcedure:
         if rig.wiring.load is not None:
             for name, sized in self._driven(known):
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
+            if rig.servo is not None:
+                for shake in range(SHAKES):
+                    load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=51 + 2 * shake)
+                    yield pushed(self.name, "shaken", Use.VALIDATE, load_nm, goal)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:

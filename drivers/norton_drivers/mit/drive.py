@@ -122,7 +122,11 @@ class MitOptions(DeviceOptions):
         25e-6, alias="loop_period", gt=0, le=1e-3, description="how often the drive works out its position loop"
     )
     velocity_window_s: float = Field(
-        475e-6, alias="velocity_window", ge=SHORTEST_WINDOW_S, le=5e-3, description="how far apart are the positions that give it ω"
+        475e-6,
+        alias="velocity_window",
+        ge=SHORTEST_WINDOW_S,
+        le=5e-3,
+        description="how far apart are the positions that give it ω",
     )
 
     @property
