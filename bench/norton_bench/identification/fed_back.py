@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification import loops
@@ -33,6 +34,16 @@ def near_limit(
     held = np.clip(np.searchsorted(sent_s, time_s, side="right") - 1, 0, None)
     error_rad = command_rad[held] - fed_back_at(servo, time_s, angle_rad, time_s)
     return np.asarray(np.abs(error_rad) > NEAR_LIMIT * servo.greatest_rad)
+
+
+def response(servo: Servo, bandwidth_rad_s: float, omega_rad_s: FloatArray) -> npt.NDArray[np.complex128]:
+    """Behind the amplifier's lag, of a sine of the angle at these frequencies (n,)."""
+
+    def turned(late_s: float) -> npt.NDArray[np.complex128]:
+        return np.asarray(np.exp(-1j * omega_rad_s * late_s))
+
+    ahead = servo.lead_s / servo.window_s * (1.0 - turned(servo.window_s))
+    return np.asarray(turned(servo.delay_s) * (1.0 + ahead) / (1.0 + 1j * omega_rad_s / bandwidth_rad_s))
 
 
 def lag_of_place(servo: Servo, bandwidth_rad_s: float, angle_rad: FloatArray, step_s: float) -> FloatArray:

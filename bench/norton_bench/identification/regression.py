@@ -237,6 +237,13 @@ class Regression:
             first += int(memory[-1]) + 1
         return self.chosen(numbers)
 
+    def shared_contamination(self, shape: Shape) -> FloatArray | None:
+        """What they add to the products of two different ones, shape (5, 5); None where that is nothing."""
+        if self.rows[0].signals.servo is None or self.free_motion:
+            return None
+        total = sum((rows.position_errors(shape) * rows.usable.size for rows in self.rows), np.zeros((5, 5)))
+        return np.asarray((total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy)
+
     def contamination(self) -> FloatArray:
         """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
         total = np.zeros(5)

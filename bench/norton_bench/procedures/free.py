@@ -11,7 +11,7 @@ from norton_bench.errors import ExperimentError, RigError
 from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import FreeOptions
-from norton_bench.procedures.servo_plans import free_goals, goal_span
+from norton_bench.procedures.servo_plans import free_goals, goal_span, servo_free_s
 from norton_bench.procedures.tare import turned
 from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase, zero_torque
 from norton_bench.records import Measured
@@ -52,6 +52,9 @@ class FreeProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
+        if rig.servo is not None:
+            options = self.options
+            return servo_free_s(options.levels, options.dwell_s, options.duration_s) + REST_S
         stairs = 2 * self.options.levels * self.options.dwell_s
         return 2 * (SEARCH_S + REST_S) + stairs + 2 * MOVE_S + self.options.duration_s + REST_S
 

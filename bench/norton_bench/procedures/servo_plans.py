@@ -5,23 +5,22 @@ more. All but the stretch that looks for the limit stay below it. Every goal and
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, free_within, imposed_within
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.waves import Motion, highest_hz, multisine, multisine_motion, ramp, sine_motion, staircase
+from norton_bench.procedures.servo_room import goal_span_rad, room_rad
+from norton_bench.procedures.waves import Motion, highest_hz, hold, multisine, multisine_motion, ramp, sine_motion
 from norton_drivers.servo import Servo
 
-# Of the greatest command: room for what the drive rounds.
-GOAL_SHARE = 0.95
-# Of the error at the servo's limit: what the goal, and the motion, of a stretch may each reach.
-ERROR_SHARE = 0.4
 # A goal that the free shaft follows leaves an error of a fraction of itself; above this frequency it does not follow.
 FOLLOWED_HZ = 60.0
 LOW_HZ = 0.2
-MOVE_S = 0.4
+MOVE_S, BACK_S = 0.25, 1.0  # from one level to the next, and from and to zero
+SLOW_HZ = (0.15, 1.0)
 HELD_TOO = 1.3  # durations of the multisine: itself, and a goal alone
 SHAKES = 2  # each of half of that duration
 SHAKEN_BY = 2.5  # times what would turn the servo as far as a goal: most of it is too fast for that
@@ -36,24 +35,19 @@ LIMIT_STRETCH = "limit"
 
 def goal_span(known: Knowledge) -> float:
     """The greatest goal to use [rad]."""
-    return GOAL_SHARE * min(abs(end) for end in known.rig.command.span)
+    return goal_span_rad(known.rig)
 
 
 def servo_of(known: Knowledge) -> Servo:
+    """That of the rig, which must have one."""
     servo = known.rig.servo
     assert servo is not None
     return servo
 
 
-def room_rad(known: Knowledge) -> float:
-    """How large a goal, or a motion, may be that leaves the servo below its limit, whatever the other does."""
-    return min(goal_span(known), ERROR_SHARE * _error_rad(known))
-
-
-def _error_rad(known: Knowledge) -> float:
-    """The greatest error: at the servo's limit, or where the port has its greatest torque."""
-    servo = servo_of(known)
-    return min(servo.greatest_rad, SHARE * known.rig.limits.torque_nm / servo.stiffness_nm_rad)
+def room(known: Knowledge) -> float:
+    """How large a goal, or a motion, may be beside the other [rad]."""
+    return room_rad(known.rig, servo_of(known))
 
 
 def free_goals(known: Knowledge, levels: int, dwell_s: float, duration_s: float) -> Iterator[tuple[str, FloatArray]]:
@@ -61,16 +55,29 @@ def free_goals(known: Knowledge, levels: int, dwell_s: float, duration_s: float)
     span_rad, tick_s = goal_span(known), known.tick_s
     steps = np.linspace(-span_rad, span_rad, levels)
     for name, goals in (("rising", steps), ("falling", steps[::-1])):
-        there, back = ramp(0.0, goals[0], MOVE_S, tick_s), ramp(goals[-1], 0.0, MOVE_S, tick_s)
-        command = np.concatenate([there, staircase(goals, dwell_s, tick_s), back])
+        parts = [ramp(0.0, goals[0], BACK_S, tick_s), hold(goals[0], dwell_s, tick_s)]
+        for before, after in pairwise(goals):
+            parts += [ramp(before, after, MOVE_S, tick_s), hold(after, dwell_s, tick_s)]
+        command = np.concatenate([*parts, ramp(goals[-1], 0.0, BACK_S, tick_s)])
         yield f"staircase {name}", free_within(bounds_of(known), command) * command
     yield "multisine", free_goal(known, duration_s, seed=1)
 
 
 def free_goal(known: Knowledge, duration_s: float, seed: int) -> FloatArray:
     """A multisine of goals for a shaft at zero torque."""
-    command = goal_multisine(known, duration_s, seed, min(goal_span(known), 0.8 * _error_rad(known)))
+    command = goal_multisine(known, duration_s, seed, room(known)) + travel(known, duration_s, seed + 1).position_rad
     return free_within(bounds_of(known), command) * command
+
+
+def travel(known: Knowledge, duration_s: float, seed: int) -> Motion:
+    """A slow motion as far as the goals reach, to go with the goal: what changes with the position, such as cogging, is
+    then no stiffness."""
+    motion = multisine_motion(
+        duration_s, known.tick_s, low_hz=SLOW_HZ[0], high_hz=SLOW_HZ[1], seed=seed, slope=-0.5, lines=12
+    )
+    furthest_rad = float(np.max(np.abs(motion.position_rad)))
+    size_rad = max(min(goal_span(known), SHARE * known.rig.limits.position_rad) - room(known), 0.0)
+    return motion.scaled(min(size_rad / furthest_rad, 0.2 * known.rig.limits.velocity_rad_s))
 
 
 def goal_multisine(known: Knowledge, duration_s: float, seed: int, size_rad: float) -> FloatArray:
@@ -93,9 +100,10 @@ def imposed_stretches(
 
     ``loops`` are small ones: amplitude [rad], frequency [Hz], cycles.
     """
-    tick_s, bounds, size_rad = known.tick_s, bounds_of(known), room_rad(known)
-    motion = motion_multisine(known, duration_s, seed, size_rad)
-    command = goal_multisine(known, duration_s, seed + 1, size_rad)
+    tick_s, bounds, size_rad = known.tick_s, bounds_of(known), room(known)
+    way = travel(known, duration_s, seed + 3)
+    motion = motion_multisine(known, duration_s, seed, size_rad).plus(way)
+    command = goal_multisine(known, duration_s, seed + 1, size_rad) + way.position_rad
     yield "multisine", imposed_within(bounds, command, motion)
     command = goal_multisine(known, (HELD_TOO - 1.0) * duration_s, seed + 2, size_rad)
     still = np.zeros(len(command))
@@ -110,13 +118,13 @@ def imposed_stretches(
 def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Load torque [N m] and goal [rad], both up to fast changes: the lag of the amplifier, inertia and damping show
     where a load that follows a motion hardly gets to. The servo is the spring that keeps the shaft in its place."""
-    tick_s, size_rad = known.tick_s, room_rad(known)
+    tick_s, size_rad = known.tick_s, room(known)
     load, goal = (
         multisine(duration_s, tick_s, low_hz=1.0, high_hz=highest_hz(tick_s), seed=each, slope=-0.25)
         for each in (seed, seed + 1)
     )
     torque_nm = min(servo_of(known).stiffness_nm_rad * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
-    return torque_nm * load, size_rad * goal
+    return torque_nm * load, size_rad * goal + travel(known, duration_s, seed + 2).position_rad
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
@@ -134,6 +142,11 @@ def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
     # Against the motion, all the time but while it turns its side.
     side = -np.tanh(motion.position_rad / (0.1 * amplitude_rad))
     return goal_rad * side, motion
+
+
+def servo_free_s(levels: int, dwell_s: float, duration_s: float) -> float:
+    """How long the goals for a free shaft take."""
+    return 2 * (levels * dwell_s + (levels - 1) * MOVE_S + 2 * BACK_S) + duration_s
 
 
 def servo_imposed_s(duration_s: float) -> float:

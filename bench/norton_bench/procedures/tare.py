@@ -9,6 +9,7 @@ import numpy as np
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.knowledge import Knowledge, Plan, Tare
 from norton_bench.procedures.options import RestOptions, TareOptions
+from norton_bench.procedures.servo_room import greatest_step
 from norton_bench.procedures.waves import back, coasting, growth, hold, pushed
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
@@ -148,7 +149,7 @@ class TareProcedure:
             yield back(self.name, "after a push", rig, measured, REST_S)
         if rig.wiring.shaft == "clamped" and rig.wiring.load is None:
             return
-        command = growth(rig.command.limit, SEARCH_S, known.tick_s)
+        command = growth(greatest_step(rig), SEARCH_S, known.tick_s)
         push = coasting(self.name, "actuator pushes", Use.TARE, command, stop_at_velocity_rad_s=moving_rad_s)
         measured = yield from self._pushes(push, rig, rest)
         _refuse(actuator_push_faults(measured, push, moving_rad_s, rest))
@@ -186,7 +187,7 @@ def moving_velocity_rad_s(rig: Rig) -> float:
     if rig.servo is None:
         return moving_rad_s
     # It follows a goal that grows by this factor a second, and reaches the velocity at a share of its greatest goal.
-    return min(moving_rad_s, MOVING_GOAL_SHARE * np.log(100.0) / SEARCH_S * rig.command.limit)
+    return min(moving_rad_s, MOVING_GOAL_SHARE * np.log(100.0) / SEARCH_S * greatest_step(rig))
 
 
 def greatest_load_torque(rig: Rig) -> float:

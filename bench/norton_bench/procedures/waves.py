@@ -28,6 +28,14 @@ class Motion:
     def scaled(self, factor: float) -> "Motion":
         return Motion(self.position_rad * factor, self.velocity_rad_s * factor, self.acceleration_rad_s2 * factor)
 
+    def plus(self, other: "Motion") -> "Motion":
+        """Both at once."""
+        return Motion(
+            self.position_rad + other.position_rad,
+            self.velocity_rad_s + other.velocity_rad_s,
+            self.acceleration_rad_s2 + other.acceleration_rad_s2,
+        )
+
 
 def ticks_in(duration_s: float, tick_s: float) -> int:
     """At least one tick."""
@@ -254,7 +262,7 @@ def back(procedure: str, name: str, rig: Rig, before: Measured, duration_s: floa
     At once for a motor, which then coasts; slowly otherwise: an actuator without a model may be a spring, a pendulum,
     or a positioner.
     """
-    if rig.modelled or not len(before.ticks):
+    if (rig.modelled and rig.servo is None) or not len(before.ticks):
         return coasting(procedure, name, Use.PREPARE, hold(0.0, duration_s, rig.tick_s))
     last = before.ticks[-1]
     still = hold(0.0, duration_s, rig.tick_s)
