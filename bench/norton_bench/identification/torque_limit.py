@@ -1,7 +1,7 @@
 """The greatest torque of a servo's motor, from stretches in which its loop asked for more.
 
-There, torque at the port = ± limit − what moves and rubs, which the fit below the limit has told: a mean over each visit
-to the limit is one datum.
+There, torque at the port = ± limit − what moves and rubs, which the fit below the limit has told: a mean over each
+visit to the limit is one datum.
 """
 
 from dataclasses import dataclass
@@ -25,8 +25,10 @@ FEWEST_VISITS = 3
 
 @dataclass(frozen=True)
 class _Visits:
-    """``torque_nm`` (n,) that the motor gave, mean of each visit, of what its loop ``asked_nm`` (n,) for; ``moving`` (n,
-    4) is the change with inertia, B, τc and σ1."""
+    """``torque_nm`` (n,) that the motor gave, mean of each visit, of what its loop ``asked_nm`` (n,) for.
+
+    ``moving`` (n, 4) is the change with inertia, B, τc and σ1.
+    """
 
     torque_nm: FloatArray
     asked_nm: FloatArray

@@ -31,7 +31,7 @@ from functools import cached_property
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import LEAST_STRENGTH, NetworkTerm, waves_of
 from norton_bench.networks.expressions import Equations
-from norton_bench.networks.kinds import Form, Kind
+from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.nonlinear import NonlinearNetwork
 
 # The contact relaxes at s·|ω|. Beyond this velocity [rad/s] it does so no faster: it has long yielded there, and the
@@ -42,7 +42,15 @@ LONGEST_STEP_S = 1e-4
 
 
 def as_equations(network: NortonNetwork, kind: Kind = Kind.NORTON, form: Form = Form.IMPEDANCE) -> NonlinearNetwork:
-    """The motor's network in one of its four shapes, written out: the same motor, only slower to simulate."""
+    """The motor's network in one of its four shapes, written out: the same motor, only slower to simulate.
+
+    Raises NoConversionError, in a sentence, for a servo.
+    """
+    if network.servo is not None:
+        raise NoConversionError(
+            "a servo's loop acts on where the shaft was before, for which these equations have no words; "
+            "use its torque() and free_motion(), or export it --to mujoco"
+        )
     motor = _Motor(network)
     joined_linearly = kind is Kind.THEVENIN and not motor.multiplies_source
     return NonlinearNetwork(

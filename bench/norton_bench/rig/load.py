@@ -154,6 +154,7 @@ NAME = re.compile(r'^(name\s*=\s*)"[^"\n]*"', re.MULTILINE)
 # What the simulated device is beside its mechanics: encoder, noise, how it is mounted and set up.
 KEPT = ("counts_per_turn", "encoder_bandwidth", "current_noise", "mounted", "device")
 TORQUE_CONSTANT, AMPLIFIER_GAIN = "torque_constant", "amplifier_gain"
+DERIVED = ("torque_gain", "torque_limit")
 # What the simulator calls terms that it calls otherwise.
 DEPARTURE = {"load": "load_friction", "drag": "quadratic_drag"}
 
@@ -195,7 +196,7 @@ def _table_of(rig: Rig) -> dict[str, Any]:
 
 def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> list[str]:
     """A line for each parameter, under the simulator's names, which has its Coulomb torque at rest."""
-    values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name != "torque_gain"}
+    values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name not in DERIVED}
     if "stribeck" in held:
         values["coulomb_torque"] /= 1.0 - held["stribeck"]["drop"]
     lines = [
@@ -210,6 +211,8 @@ def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any
         gain = network.torque_gain / parse_quantity(written, "N*m/A")
     if "saturation" in held:  # until here with the command at which the share is less
         held["saturation"]["current"] = f"{gain * held['saturation']['current']:.12g} A"
+    if network.torque_limit_nm is not None:
+        lines.append(f'current_limit = "{network.torque_limit_nm * gain / network.torque_gain:.12g} A"')
     return [*lines, _line(AMPLIFIER_GAIN, gain, network)]
 
 
