@@ -48,5 +48,6 @@ def response(servo: Servo, bandwidth_rad_s: float, omega_rad_s: FloatArray) -> n
 
 def lag_of_place(servo: Servo, bandwidth_rad_s: float, angle_rad: FloatArray, step_s: float) -> FloatArray:
     """Behind the amplifier's lag, of an angle (n,) every ``step_s``; between samples as in :func:`fed_back_at`."""
-    lag, time_s = loops.lag_of(angle_rad, bandwidth_rad_s * step_s), np.arange(angle_rad.size) * step_s
+    lag = loops.lag_of(angle_rad, bandwidth_rad_s * step_s)
+    time_s = np.asarray(np.arange(angle_rad.size) * step_s, dtype=np.float64)
     return fed_back_at(servo, time_s, lag, time_s)

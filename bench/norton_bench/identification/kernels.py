@@ -86,7 +86,8 @@ def _table(kernel: Kernel) -> FloatArray:
 def _spectrum(kernel: Kernel) -> tuple[FloatArray, FloatArray]:
     reach = round(kernel.half_width)
     passed = np.fft.rfft(kernel.spline()(np.arange(-reach, reach + 1)), SPECTRUM_POINTS)
-    return np.fft.rfftfreq(SPECTRUM_POINTS), np.abs(passed) ** 2
+    frequency = np.asarray(np.fft.rfftfreq(SPECTRUM_POINTS), dtype=np.float64)
+    return frequency, np.asarray(np.abs(passed) ** 2, dtype=np.float64)
 
 
 @cache

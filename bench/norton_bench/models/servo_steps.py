@@ -13,7 +13,7 @@ from norton_bench.arrays import FloatArray
 def asked(command: float, angle: float, earlier: float, lead: float, window: float, limit: float) -> float:
     """What the amplifier is asked for [rad of error]; ``earlier`` is the angle a ``window`` before ``angle``."""
     error = command - angle - lead / window * (angle - earlier)
-    return min(max(error, -limit), limit)
+    return float(min(max(error, -limit), limit))
 
 
 @njit(cache=True, nogil=True)
@@ -33,7 +33,7 @@ def before(history: FloatArray, newest: int, position: float, velocity: float, s
         return position - velocity * steps * step_s
     whole = min(int(steps), history.size - 2)
     later = history[(newest - whole) % history.size]
-    return later + (steps - whole) * (history[(newest - whole - 1) % history.size] - later)
+    return float(later + (steps - whole) * (history[(newest - whole - 1) % history.size] - later))
 
 
 @njit(cache=True, nogil=True)

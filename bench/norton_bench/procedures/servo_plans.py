@@ -101,9 +101,8 @@ def imposed_stretches(
     ``loops`` are small ones: amplitude [rad], frequency [Hz], cycles.
     """
     tick_s, bounds, size_rad = known.tick_s, bounds_of(known), room(known)
-    way = travel(known, duration_s, seed + 3)
-    motion = motion_multisine(known, duration_s, seed, size_rad).plus(way)
-    command = goal_multisine(known, duration_s, seed + 1, size_rad) + way.position_rad
+    motion = motion_multisine(known, duration_s, seed, size_rad)
+    command = goal_multisine(known, duration_s, seed + 1, size_rad)
     yield "multisine", imposed_within(bounds, command, motion)
     command = goal_multisine(known, (HELD_TOO - 1.0) * duration_s, seed + 2, size_rad)
     still = np.zeros(len(command))

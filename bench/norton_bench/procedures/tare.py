@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
+from math import log
 from typing import ClassVar
 
 import numpy as np
@@ -187,7 +188,7 @@ def moving_velocity_rad_s(rig: Rig) -> float:
     if rig.servo is None:
         return moving_rad_s
     # It follows a goal that grows by this factor a second, and reaches the velocity at a share of its greatest goal.
-    return min(moving_rad_s, MOVING_GOAL_SHARE * np.log(100.0) / SEARCH_S * greatest_step(rig))
+    return min(moving_rad_s, MOVING_GOAL_SHARE * log(100.0) / SEARCH_S * greatest_step(rig))
 
 
 def greatest_load_torque(rig: Rig) -> float:

@@ -28,14 +28,6 @@ class Motion:
     def scaled(self, factor: float) -> "Motion":
         return Motion(self.position_rad * factor, self.velocity_rad_s * factor, self.acceleration_rad_s2 * factor)
 
-    def plus(self, other: "Motion") -> "Motion":
-        """Both at once."""
-        return Motion(
-            self.position_rad + other.position_rad,
-            self.velocity_rad_s + other.velocity_rad_s,
-            self.acceleration_rad_s2 + other.acceleration_rad_s2,
-        )
-
 
 def ticks_in(duration_s: float, tick_s: float) -> int:
     """At least one tick."""

@@ -3,9 +3,9 @@
 Source: bgkatz/motorcontrol: stm32f4xx_it.c (every frame is answered before it is obeyed; special frames do not feed the
 timeout), fsm.c (a timeout zeroes the command and leaves the motor enabled; the motor is enabled with the command that
 was stored last, and zeroed only while it is not), can.c (codes that wrap), foc.c (``torque_control``: the position
-loop), position_sensor.c (velocity from two positions); CubeMars, AK Series Actuator Driver Manual V1.0.8 (temperature and
-error at the end of a reply). What its position does beyond its range is the rig's to say. The gains of a command are
-emulated where the rig's commands are positions: at the period and with the window that its options name, from the
+loop), position_sensor.c (velocity from two positions); CubeMars, AK Series Actuator Driver Manual V1.0.8 (temperature
+and error at the end of a reply). What its position does beyond its range is the rig's to say. The gains of a command
+are emulated where the rig's commands are positions: at the period and with the window that its options name, from the
 encoder's counts, up to the amplifier's greatest current.
 """
 
