@@ -20,7 +20,7 @@ STEPS = (
     Step("calibrate", CalibrateOptions(duration_s=4.0)),
     Step("imposed", ImposedOptions(duration_s=4.0)),
 )
-# The simulated cogging of 0.3 mN m, whose period a short session does not travel, is a stiffness of up to 42 times that.
+# Cogging of 0.3 mN m is simulated. A short session does not travel its period: it is a stiffness of up to 42 times that.
 COGGING_STIFFNESS_NM_RAD = 42 * 0.3e-3
 
 
