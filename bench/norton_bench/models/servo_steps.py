@@ -44,7 +44,8 @@ def between(values: FloatArray, at: float) -> float:
     k = min(int(place), last - 1)
     x = place - k
     a, b, c, d = values[max(k - 1, 0)], values[k], values[k + 1], values[min(k + 2, last)]
-    return b + 0.5 * x * (c - a + x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)))
+    cubic = 2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)
+    return float(b + 0.5 * x * (c - a + x * cubic))
 
 
 @njit(cache=True, nogil=True)

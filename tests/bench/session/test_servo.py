@@ -59,7 +59,7 @@ def test_the_standard_session_keeps_to_the_limits():
 @pytest.mark.parametrize(
     ("written", "instead", "sentence"),
     [
-        ('unit = "rad"', 'unit = "N*m"', r'takes commands in "rad"; write unit = "rad", or mode = "torque"'),
+        ('unit = "rad", limit = "1 rad"', 'unit = "N*m", limit = "1 N*m"', r'takes commands in "rad"; write unit = "rad", or mode = "torque"'),
         ('mode = "position"', 'mode = "torque"', r'"rad", but driver = "mit" as it is set here takes .* mode = "pos'),
         ('stiffness = "2 N*m/rad" ', 'stiffness = "2 N*m" ', r"\[actuator\] stiffness"),
         ('greatest_torque = "0.44 N*m" ', 'greatest_torque = "0 N*m" ', r"greatest_torque.*greater than 0"),
