@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.shape import GAIN, INERTIA, VISCOUS
 from norton_drivers.servo import Servo
 
 # Beyond this share of its limit, as the drive has it, a servo counts as at its limit: its scale is off by a few per
@@ -44,6 +46,18 @@ def response(servo: Servo, bandwidth_rad_s: float, omega_rad_s: FloatArray) -> n
 
     ahead = servo.lead_s / servo.window_s * (1.0 - turned(servo.window_s))
     return np.asarray(turned(servo.delay_s) * (1.0 + ahead) / (1.0 + 1j * omega_rad_s / bandwidth_rad_s))
+
+
+def position_errors(servo: Servo, bandwidth_rad_s: float, kernel: Kernel, tick_s: float) -> FloatArray:
+    """What errors of the angle of density 1 [rad²/Hz, two-sided] add to the products of two of the regression's columns
+    (5, 5), each through ``kernel``: those of gain, inertia and viscous damping have them."""
+    frequency, power = kernel.spectrum()
+    omega_rad_s = 2 * np.pi * frequency / tick_s
+    errors = np.zeros((5, frequency.size), dtype=np.complex128)
+    errors[GAIN] = -response(servo, bandwidth_rad_s, omega_rad_s)
+    errors[INERTIA], errors[VISCOUS] = omega_rad_s**2, -1j * omega_rad_s
+    weighted = errors * power * (frequency[1] - frequency[0]) / tick_s
+    return np.asarray(2.0 * (weighted @ errors.conj().T).real)
 
 
 def lag_of_place(servo: Servo, bandwidth_rad_s: float, angle_rad: FloatArray, step_s: float) -> FloatArray:

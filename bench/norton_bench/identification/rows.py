@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.fed_back import fed_back, response
+from norton_bench.identification.fed_back import fed_back, position_errors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
-from norton_bench.identification.shape import GAIN, INERTIA, VISCOUS, Shape, drifted
+from norton_bench.identification.shape import Shape, drifted
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models import network_steps
 from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_DRIFT, Factor
@@ -300,15 +300,10 @@ class Rows:
     def position_errors(self, shape: Shape) -> FloatArray:
         """What the position readings' own errors add to the products of a servo's columns, (5, 5), in the mean: angle
         and velocity stand in what it asks for as well, with the same errors."""
-        servo, tick_s = self.signals.servo, self.signals.tick_s
+        servo, signals = self.signals.servo, self.signals
         assert servo is not None
-        frequency, power = self.averaging.spectrum()
-        omega_rad_s = 2 * np.pi * frequency / tick_s
-        held_back = response(servo, shape.bandwidth_rad_s, omega_rad_s)
-        errors = np.zeros((5, frequency.size), dtype=np.complex128)
-        errors[GAIN], errors[INERTIA], errors[VISCOUS] = -held_back, omega_rad_s**2, -1j * omega_rad_s
-        weighted = errors * power * (frequency[1] - frequency[0]) / tick_s
-        return np.asarray(2.0 * self.signals.position_noise * (weighted @ errors.conj().T).real)
+        errors = position_errors(servo, shape.bandwidth_rad_s, self.averaging, signals.tick_s)
+        return np.asarray(signals.position_noise * errors)
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""

@@ -261,8 +261,8 @@ class _At:
     @classmethod
     def solved(cls, regression: Regression, shape: Shape, columns: FloatArray, memory: Memory) -> "_At":
         """With the regression's own columns at this shape, which no whitening changes."""
-        contamination, white_memory = regression.contamination(), regression.white_memory(memory)
-        shared = regression.shared_contamination(shape)
+        contamination, shared = regression.contamination(), regression.shared_contamination(shape)
+        white_memory = regression.white_memory(memory)
         white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
         *_, wanted = left = white_memory.taken_off(white)
         seen = left[:-1]

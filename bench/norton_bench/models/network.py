@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models.network_file import entries, read_json, read_matrix, read_prediction, read_term
 from norton_bench.models.parameters import BY_NAME, PredictionError
 from norton_bench.models.servo_file import servo_as_json, servo_from_json
 from norton_bench.models.terms import (
@@ -28,7 +29,6 @@ from norton_bench.models.terms import (
     SATURATION,
     STRIBECK,
     STRIBECK_VELOCITY,
-    TERM_BY_NAME,
     NetworkTerm,
     factors_of,
     row_of,
@@ -321,7 +321,7 @@ class NortonNetwork:
     @classmethod
     def load(cls, path: Path | str) -> "NortonNetwork":
         """Read a network file. Raises UsageError, in a sentence, for a file that is none."""
-        content = _read_json(path)
+        content = read_json(path)
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
         if content.get("version") not in (VERSION, VERSION_WITH_TERMS):
@@ -333,15 +333,15 @@ class NortonNetwork:
         unit = content.get("command_unit")
         if not isinstance(unit, str):
             raise UsageError(f'{path}: "command_unit" is missing; add the unit of the command, such as "N*m"')
-        covariance = _object(content.get("covariance", {}))
+        covariance = entries(content.get("covariance", {}))
         return cls(
-            **_read_parameters(path, _object(content.get("parameters"))),
+            **_read_parameters(path, entries(content.get("parameters"))),
             command_unit=unit,
             covariance_names=tuple(str(name) for name in covariance.get("names", [])),
-            covariance=_read_matrix(path, covariance),
-            provenance={str(key): str(value) for key, value in _object(content.get("provenance", {})).items()},
-            prediction=_read_prediction(path, content.get("prediction")),
-            terms=tuple(_read_term(path, _object(each)) for each in content.get("terms") or ()),
+            covariance=read_matrix(path, covariance),
+            provenance={str(key): str(value) for key, value in entries(content.get("provenance", {})).items()},
+            prediction=read_prediction(path, content.get("prediction")),
+            terms=tuple(read_term(path, entries(each)) for each in content.get("terms") or ()),
             servo=None if content.get("servo") is None else servo_from_json(path, content["servo"]),
         )
 
@@ -359,27 +359,10 @@ def _second_difference(position: FloatArray, tick_s: float) -> FloatArray:
     return acceleration
 
 
-def _object(value: object) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _read_json(path: Path | str) -> object:
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read ({error.strerror}); give the path of a network file") from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f"{path}: is not text; give the path of a network file (JSON)") from error
-    except json.JSONDecodeError as error:
-        raise UsageError(
-            f"{path}: line {error.lineno}: not valid JSON ({error.msg}); was the file cut short?"
-        ) from error
-
-
 def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, float]:
     values = {}
     for attribute, name in PARAMETER_OF_FIELD.items():
-        value = _object(parameters.get(name)).get("value")
+        value = entries(parameters.get(name)).get("value")
         if value is None and attribute not in REQUIRED:
             continue
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
@@ -388,41 +371,3 @@ def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, 
             raise UsageError(f"{path}: parameters.{name} = {value} is not possible; it must be positive")
         values[attribute] = float(value)
     return values
-
-
-def _read_term(path: Path | str, content: dict[str, Any]) -> NetworkTerm:
-    name = content.get("name")
-    if name not in TERM_BY_NAME:
-        raise UsageError(f"{path}: this program knows no term {name!r}; it knows {', '.join(TERM_BY_NAME)}")
-    term, parameters = TERM_BY_NAME[name], _object(content.get("parameters"))
-    values = []
-    for each in term.parameters:
-        value = _object(parameters.get(each.name)).get("value")
-        if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value):
-            raise UsageError(f'{path}: term {name}: {each.name} needs a finite number under "value", not {value!r}')
-        values.append(float(value))
-    periods = content.get("periods_per_turn", 0)
-    if not isinstance(periods, (int, float)) or (periods > 0) is not term.periodic:
-        wanted = "periods_per_turn above zero" if term.periodic else "no periods_per_turn"
-        raise UsageError(f"{path}: term {name} needs {wanted}, not {periods!r}")
-    return NetworkTerm(name, tuple(values), periods)
-
-
-def _read_prediction(path: Path | str, content: object) -> PredictionError | None:
-    if content is None:
-        return None
-    try:
-        return PredictionError.from_json(_object(content))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise UsageError(f'{path}: "prediction" is not as docs/identification.md has it; leave it out') from error
-
-
-def _read_matrix(path: Path | str, covariance: dict[str, Any]) -> tuple[tuple[float, ...], ...]:
-    size = len(covariance.get("names", []))
-    try:
-        matrix = np.asarray(covariance.get("matrix", []), dtype=float).reshape(size, size)
-    except (TypeError, ValueError) as error:
-        raise UsageError(
-            f"{path}: covariance.matrix must be {size} rows of {size} numbers, one for each name"
-        ) from error
-    return tuple(tuple(float(value) for value in row) for row in matrix)
