@@ -144,8 +144,7 @@ class Rows:
         return np.asarray(self.of_fine_signal(lag, (1,), -shape.command_delay_s, of_means=True)[0])
 
     def _driven(self, shape: Shape) -> FloatArray:
-        """The lag of the command, as the terms change it, about the motion's instants. Where a term depends on all that
-        the amplifier is told, a servo's angle is in it."""
+        """The lag of the command, or with a term of the gain of all that the amplifier is told, as the terms change it."""
         lag, servo = self._lag_of_command(shape), self.signals.servo
         if not shape.changes(Factor.GAIN):
             return lag
@@ -298,11 +297,10 @@ class Rows:
         return self.signals.position_noise * self.averaging.energy(derivative) / tick_s ** (2 * derivative + 1)
 
     def position_errors(self, shape: Shape) -> FloatArray:
-        """What the position readings' own errors add to the products of a servo's columns, (5, 5), in the mean: angle
-        and velocity stand in what it asks for as well, with the same errors."""
-        servo, signals = self.signals.servo, self.signals
-        assert servo is not None
-        errors = position_errors(servo, shape.bandwidth_rad_s, self.averaging, signals.tick_s)
+        """What the position readings' own errors add to the products of a servo's columns, (5, 5), in the mean."""
+        signals = self.signals
+        assert signals.servo is not None
+        errors = position_errors(signals.servo, shape.bandwidth_rad_s, self.averaging, signals.tick_s)
         return np.asarray(signals.position_noise * errors)
 
     def columns(self, shape: Shape) -> FloatArray:

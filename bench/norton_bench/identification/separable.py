@@ -52,12 +52,7 @@ STRIBECK_VELOCITIES = (1e-3, 3.0)
 
 @dataclass(frozen=True)
 class Solution:
-    """Separable least squares (variable projection): the linear unknowns are solved for exactly at every step.
-
-    No initial guess: a scan over the friction's shape, then Gauss-Newton from several amplifier bandwidths in a low
-    band, in which delays are harmless, then in the full band.
-
-    Where the iteration ended.
+    """Where the iteration ended.
 
     ``residual`` (samples,) is in the target's unit; ``innovation`` (samples,) is what of it least squares saw, and
     ``jacobian`` (samples, parameters) its change, negative, with the linear unknowns, then log β, log s, delays.
@@ -222,8 +217,8 @@ def normal_solution(
 ) -> FloatArray:
     """The normal equations of scaled columns with this right side; columns that say nothing get zero.
 
-    ``contamination`` is what errors in the columns add to their squares, ``shared`` (5, 5) to products of the first
-    ones. It is taken off again, or they would shrink what is estimated; columns beyond its length have none.
+    What errors in the columns add to their squares, ``contamination``, and to products of the first, ``shared`` (5, 5),
+    is taken off again, or they would shrink what is estimated; columns beyond its length have none.
     """
     matrix = columns @ columns.T
     if shared is not None:
