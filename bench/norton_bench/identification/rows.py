@@ -144,7 +144,7 @@ class Rows:
         return np.asarray(self.of_fine_signal(lag, (1,), -shape.command_delay_s, of_means=True)[0])
 
     def _driven(self, shape: Shape) -> FloatArray:
-        """The lag of the command, or with a term of the gain of all that the amplifier is told, as the terms change it."""
+        """The lag of the command, or with a term of the gain that of all that is asked for, as the terms change it."""
         lag, servo = self._lag_of_command(shape), self.signals.servo
         if not shape.changes(Factor.GAIN):
             return lag
