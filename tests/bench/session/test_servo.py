@@ -11,6 +11,7 @@ from norton_bench.errors import RigError
 from norton_bench.identification.fit import fit
 from norton_bench.models.parameters import Status
 from norton_bench.networks.export.mjcf import export_mjcf
+from norton_bench.procedures.options import STEPS as STEPS_OPTIONS
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
 from norton_bench.rig.load import load_rig, parse_rig, true_parameters
 from norton_bench.session.dry_run import dry_run
@@ -96,6 +97,12 @@ def test_the_standard_session_keeps_to_the_limits():
     session = standard_session(rig)
     assert [step.do for step in session.steps] == ["tare", "calibrate", "free", "imposed", "validate"]
     dry_run(session, rig)
+
+
+@pytest.mark.parametrize("name", ["blocked", "refine", "iterate_zero_torque", "in_situ"])
+def test_what_moves_a_motor_refuses_a_servo(name):
+    with pytest.raises(RigError, match=f"step '{name}' is for a motor, and the command of this actuator is a position"):
+        dry_run(Session((Step(name, STEPS_OPTIONS[name]()),), "a session"), load_rig(RIG))
 
 
 @pytest.mark.parametrize(
