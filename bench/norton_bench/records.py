@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from norton_bench.segments import Segment, Use
 from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TemperatureReading, TorqueReading
+from norton_drivers.servo import Servo
 
 Table = npt.NDArray[np.void]
 
@@ -215,10 +216,12 @@ class Chain:
 
     ``torque_averaging_s`` is the time over which the torque sensor itself averages. ``released_at_zero`` are the roles
     whose drive switches its bridge off at a command of zero: the current then ends without the lag of its loop.
+    ``servo`` is the actuator's own position loop, where its command is a position.
     """
 
     torque_averaging_s: float = 0.0
     released_at_zero: frozenset[str] = frozenset()
+    servo: Servo | None = None
 
 
 PLAIN_CHAIN = Chain()

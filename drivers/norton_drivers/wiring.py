@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from norton_drivers.errors import WiringError
+from norton_drivers.servo import Servo
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,7 @@ class DeviceSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     released_at_zero: bool = False  # as its driver's options have it
     dead_band: float = 0.0  # commands smaller than this do nothing, in the unit of its commands
+    servo: Servo | None = None  # what it does with a command that is a position
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,11 @@ class DeviceOptions(BaseModel):
     def greatest_velocity_rad_s(self) -> float:
         """The greatest velocity that its readings can tell."""
         return inf
+
+    @property
+    def servo(self) -> Servo | None:
+        """The drive's own position loop, where its commands are positions."""
+        return None
 
     @property
     def released_at_zero(self) -> bool:

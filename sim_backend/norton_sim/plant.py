@@ -30,7 +30,7 @@ from norton_sim.integrator import (
 from norton_sim.packing import pack
 from norton_sim.plants.assembled import MODULATOR_BANDWIDTH
 from norton_sim.plants.muscles import BEGAN, REACH_COLUMNS
-from norton_sim.truth import Truth
+from norton_sim.truth import MotorTruth, Truth
 
 Machine = Literal["actuator", "load", "modulator"]
 
@@ -56,6 +56,7 @@ class _Machine:
     amplifier_gain: float = 0.0
     amplifier_rate_rad_s: float = RELEASED_RATE_RAD_S
     current_noise_a: float = 0.0
+    greatest_a: float = math.inf
     released: bool = True
     runaway_a: float | None = None  # what the amplifier follows instead of its command
 
@@ -102,7 +103,9 @@ class Plant:
         """From now on the machine's amplifier follows ``value``, in its command unit and its own positive sense."""
         driven = self._machines[machine]
         driven.released = False
-        driven.state[CURRENT_TARGET] = driven.amplifier_gain * value if driven.runaway_a is None else driven.runaway_a
+        wanted_a = driven.amplifier_gain * value
+        within_a = min(max(wanted_a, -driven.greatest_a), driven.greatest_a)
+        driven.state[CURRENT_TARGET] = within_a if driven.runaway_a is None else driven.runaway_a
         driven.state[CURRENT_RATE] = driven.amplifier_rate_rad_s
         driven.state[POWERED] = 1.0
 
@@ -240,6 +243,8 @@ class Plant:
             machine.amplifier_gain = truth.amplifier_gain
             machine.amplifier_rate_rad_s = truth.amplifier_bandwidth_rad_s
             machine.current_noise_a = truth.current_noise_a
+            if isinstance(truth, MotorTruth) and truth.current_limit_a is not None:
+                machine.greatest_a = truth.current_limit_a
         return machine
 
 

@@ -20,6 +20,7 @@ from norton_sim.plants.motor_behind import GearTrainTruth, SeriesElasticTruth, V
 from norton_sim.plants.muscles import ArmTruth, PneumaticMuscleTruth
 from norton_sim.tables import (
     Commanded,
+    Current,
     Damping,
     Device,
     Drive,
@@ -41,10 +42,14 @@ FAULTS = "fault"  # the key of the table's faults, which say what becomes of the
 
 
 class MotorTruth(Machine, Commanded):
-    """The device under test: the paper's torque motor with Dahl friction (section IV.D), and how it departs from it."""
+    """The device under test: the paper's torque motor with Dahl friction (section IV.D), and how it departs from it.
+
+    Its amplifier gives no more than ``current_limit``.
+    """
 
     model: Literal["dahl_motor"] = "dahl_motor"
     torque_constant_nm_a: TorqueConstant = Field(alias="torque_constant", gt=0, examples=["0.05 N*m/A"])
+    current_limit_a: Current | None = Field(alias="current_limit", default=None, gt=0, examples=["8 A"])
     departures: Departures | None = None
 
     @property
@@ -188,6 +193,8 @@ def true_parameters(
         "torque_constant": motor.Km,
         "amplifier_gain": motor.Ka,
     }
+    if truth.actuator.current_limit_a is not None:
+        values["torque_limit"] = motor.Km * truth.actuator.current_limit_a
     values |= _of_departures(truth.actuator, values)
     return {**_named(values, command_unit), **_hanging(truth)}
 

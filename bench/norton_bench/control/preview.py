@@ -69,7 +69,7 @@ def with_preview(
 
 def _start(network: NortonNetwork, tick_s: float, position_rad: float, velocity_rad_s: float, command: float) -> _Start:
     """The state to begin at: friction holds what the motor exerts beyond the damping, as far as it can."""
-    motor_nm = network.torque_gain * command
+    motor_nm = network.torque_gain * (command if network.servo is None else command - position_rad)
     exerted = network.rigid.torque(np.full(3, command), np.full(3, position_rad), tick_s, motor_torque_nm=motor_nm)[0]
     least, most = -held_nm(network, -1.0), held_nm(network, 1.0)
     return {

@@ -109,6 +109,8 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     """What follows from the parameters alone. Raises UsageError for another kind of network, or without covariance."""
     if not isinstance(network, NortonNetwork):
         raise UsageError(f"{file}: is no identified motor, from whose parameters a sheet follows; see `network show`")
+    if network.servo is not None:
+        raise UsageError(f"{file}: is a servo; a data sheet is for a motor commanded by torque, see `network show`")
     if not has_covariance(network):
         raise UsageError(f"{file}: has no covariance, so that no interval follows; fit its recording again")
     std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))

@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.separable import linear_solution
-from norton_bench.identification.signals import Signals
+from norton_bench.identification.signals import FINE, Signals
 from norton_bench.identification.statistics import sandwich
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 
@@ -60,7 +61,7 @@ def fit_current(
     weight = np.ones(target.size) if steps is None else steps.weight
     for _ in range(DELAY_STEPS):
         parts = [
-            _lag(stretch, bandwidth_rad_s, time_s - delay_s)
+            _lag(stretch, bandwidth_rad_s, time_s, delay_s)
             for stretch, (time_s, _) in zip(stretches, readings, strict=True)
         ]
         columns = np.concatenate([np.concatenate(parts, axis=1), np.ones((1, target.size))])
@@ -116,10 +117,20 @@ def _in_use(stretch: Signals) -> tuple[FloatArray, FloatArray]:
     return stretch.current.time_s[chosen], stretch.current.value[chosen]
 
 
-def _lag(stretch: Signals, bandwidth_rad_s: float, at_s: FloatArray) -> FloatArray:
-    """The lagged command and its rate at any instants, shape (2, m): exact, so nothing needs filtering."""
+def _lag(stretch: Signals, bandwidth_rad_s: float, read_s: FloatArray, delay_s: float) -> FloatArray:
+    """The lagged command, delayed, and its rate at any instants, shape (2, m): exact, so nothing needs filtering.
+
+    A servo's command has the angle and velocity of its shaft taken off.
+    """
+    at_s = read_s - delay_s
     if not at_s.size:
         return np.empty((2, 0))
     lag = loops.lag_of_held(stretch.sent_s, stretch.command, bandwidth_rad_s, at_s, stretch.released_at_zero)
     held = stretch.command[np.clip(np.searchsorted(stretch.sent_s, at_s, side="right") - 1, 0, None)]
-    return np.stack([lag, bandwidth_rad_s * (held - lag)])
+    rate = bandwidth_rad_s * (held - lag)
+    if stretch.servo is not None:
+        # The drive reports its current with where its shaft is: no delay lies between them.
+        fine_s = stretch.tick_s / FINE
+        place = lag_of_place(stretch.servo, bandwidth_rad_s, stretch.position_rad, fine_s)
+        lag = lag - np.interp(read_s - stretch.time_s[0], np.arange(place.size) * fine_s, place)
+    return np.stack([lag, rate])

@@ -39,6 +39,7 @@ from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
+from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.models.terms import Factor, NetworkTerm, joint_of
@@ -305,9 +306,12 @@ def _in_terms_of_network(
     current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
+    limit = torque_limit(solution, values, covariance)
+    estimates += [] if limit is None else [limit]
     terms = terms_found(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
+    network = replace(network, servo=stretches[0].servo)
     waves = waves_found(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
     network = replace(network, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()

@@ -167,6 +167,8 @@ def asked_for(error: ModelError, fitted: FitResult) -> NetworkTerm | None:
     if name not in TERM_BY_NAME or any(each.name == name for each in fitted.network.terms):
         return None
     term = TERM_BY_NAME[name]
+    if term.factor is Factor.JOINT and fitted.network.servo is not None:  # its loop acts before the joint
+        return None
     # A rigid motor may not settle, or look as if it changed, because of a joint; nothing else explains that.
     wrong = fitted.simulated is None or fitted.doubtful
     if wrong and (term.factor is not Factor.JOINT or any(not check.midway for check in fitted.failed_checks)):

@@ -40,6 +40,10 @@ class Kernel:
         """∫ K² of the kernel's derivative: what it makes of white noise of density 1, in units of a sample."""
         return _energy(self, derivative)
 
+    def spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies [cycles a sample] up to half of the rate, evenly spaced, and the power that passes: (n,) each."""
+        return _spectrum(self)
+
     def table(self) -> FloatArray:
         """The kernel at TABLE_PER_UNIT points a sample, from 0 to ``half_width``."""
         return _table(self)
@@ -66,6 +70,8 @@ class Kernel:
         return np.asarray(weights + window * (correction @ powers))
 
 
+SPECTRUM_POINTS = 512
+
 # The band of the final and of the live fit, in cycles a tick.
 FULL_BAND = Kernel(cutoff=0.18, half_width=8.0)
 
@@ -74,6 +80,14 @@ FULL_BAND = Kernel(cutoff=0.18, half_width=8.0)
 def _table(kernel: Kernel) -> FloatArray:
     u = np.arange(round(kernel.half_width * TABLE_PER_UNIT) + 2) / TABLE_PER_UNIT
     return np.where(u <= kernel.half_width, kernel.spline()(np.minimum(u, kernel.half_width)), 0.0)
+
+
+@cache
+def _spectrum(kernel: Kernel) -> tuple[FloatArray, FloatArray]:
+    reach = round(kernel.half_width)
+    passed = np.fft.rfft(kernel.spline()(np.arange(-reach, reach + 1)), SPECTRUM_POINTS)
+    frequency = np.asarray(np.fft.rfftfreq(SPECTRUM_POINTS), dtype=np.float64)
+    return frequency, np.asarray(np.abs(passed) ** 2, dtype=np.float64)
 
 
 @cache

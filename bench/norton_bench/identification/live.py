@@ -342,7 +342,7 @@ class LiveIdentifier:
         wider = std / np.sqrt(np.diag(covariance))
         values = {each.name: each.value for each in estimates}
         return replace(
-            NortonNetwork.of_parameters(values, self.command_unit),
+            NortonNetwork.of_parameters(values, self.command_unit, servo=result.network.servo),
             terms=tuple(each.with_values(values) for each in result.network.terms),
             covariance_names=tuple(values),
             covariance=tuple(map(tuple, (covariance * np.outer(wider, wider)).tolist())),

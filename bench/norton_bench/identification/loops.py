@@ -62,6 +62,13 @@ def filter_at(values: FloatArray, taps: FloatArray, first: int, stride: int, cou
     return output
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _kept(way: float) -> tuple[float, float]:
+    """What is left of a difference after a ``way``, and its mean on the way."""
+    retained = exp(-way)
+    return retained, (1.0 - retained) / way if way > 1e-6 else 1.0 - 0.5 * way
+
+
 @njit(cache=True, nogil=True)
 def lag_of_held(
     sent: FloatArray, command: FloatArray, bandwidth: float, grid: FloatArray, released: bool = False
@@ -84,6 +91,22 @@ def lag_of_held(
             event += 1
         state = held + (state - held) * exp(-bandwidth * (grid[k] - now))
         now = grid[k]
+        output[k] = state
+    return output
+
+
+@njit(cache=True, nogil=True)
+def lag_of(values: FloatArray, turn: float) -> FloatArray:
+    """A first-order lag of a signal that is straight between its samples (n,), exactly at them; settled at the first.
+
+    ``turn`` is the bandwidth by the time between two samples.
+    """
+    output = np.empty(values.size)
+    state, before = values[0], values[0]
+    kept, mean = _kept(turn)
+    for k in range(values.size):
+        state = kept * state + (mean - kept) * before + (1.0 - mean) * values[k]
+        before = values[k]
         output[k] = state
     return output
 
@@ -129,13 +152,6 @@ def mean_lag_of_held(
                 event += 1
         output[k] = area / cell
     return output
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _kept(way: float) -> tuple[float, float]:
-    """What is left of a difference after a ``way``, and its mean on the way."""
-    retained = exp(-way)
-    return retained, (1.0 - retained) / way if way > 1e-6 else 1.0 - 0.5 * way
 
 
 @njit(cache=True, nogil=True)

@@ -237,6 +237,13 @@ class Regression:
             first += int(memory[-1]) + 1
         return self.chosen(numbers)
 
+    def shared_contamination(self, shape: Shape) -> FloatArray | None:
+        """What they add to the products of two different ones, shape (5, 5); None where that is nothing."""
+        if self.rows[0].signals.servo is None or self.free_motion:
+            return None
+        total = sum((rows.position_errors(shape) * rows.usable.size for rows in self.rows), np.zeros((5, 5)))
+        return np.asarray((total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy)
+
     def contamination(self) -> FloatArray:
         """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
         total = np.zeros(5)
@@ -302,7 +309,7 @@ class Regression:
         at = self._on_own_time(shape)
         other_lag = replace(at, bandwidth_rad_s=at.bandwidth_rad_s * np.exp(SMALL))
         other_s = replace(at, s_per_rad=at.s_per_rad * np.exp(SMALL))
-        lag_rate = self.chosen([rows.lag(at, 1) for rows in self.rows])
+        lag_rate = self.chosen([rows.lag_rate(at) for rows in self.rows])
         lag = self.chosen([rows.lag(other_lag) for rows in self.rows])
         left = np.zeros(columns.shape[1]) if memory is None else memory.left
         held = np.zeros(left.size) if states is None else states
@@ -350,4 +357,7 @@ class Regression:
         waves = self.cogging if len(linear) > len(LINEAR) else ()  # whose size nobody asks for
         rates = self.chosen([rows.rates(shape, waves) for rows in self.rows])
         moving = len(LINEAR) + 2 * len(waves)
-        return np.asarray(linear[INERTIA:moving] @ rates[:-1] + states * rates[-1])
+        slope = linear[INERTIA:moving] @ rates[:-1] + states * rates[-1]
+        if self.rows[0].signals.servo is not None:
+            slope -= linear[GAIN] * self.chosen([rows.held_back(shape, 1) for rows in self.rows])
+        return np.asarray(slope)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.fed_back import fed_back, position_errors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.shape import Shape
@@ -128,11 +129,43 @@ class Rows:
         taps = kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
         return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
 
-    def lag(self, shape: Shape, derivative: int = 0) -> FloatArray:
-        """The amplifier's lag of the command, per unit of gain, or its rate: shape (count,)."""
+    def lag(self, shape: Shape) -> FloatArray:
+        """The amplifier's lag of what it is told, per unit of gain, (count,): the command, or what a servo makes of
+        it and of where the shaft is."""
+        result = self.of_fine_signal(self._driven(shape), (0,), -shape.command_delay_s, of_means=True)[0]
+        if self.signals.servo is not None and not shape.changes(Factor.GAIN):
+            result = result - self.held_back(shape)
+        return np.asarray(result)
+
+    def lag_rate(self, shape: Shape) -> FloatArray:
+        """Change in time of what the command has in it, (count,)."""
+        lag = self._driven(shape) if self.signals.servo is None else self._lag_of_command(shape)
+        return np.asarray(self.of_fine_signal(lag, (1,), -shape.command_delay_s, of_means=True)[0])
+
+    def _driven(self, shape: Shape) -> FloatArray:
+        """The lag of the command, or with a term of the gain that of all that is asked for, as the terms change it."""
+        lag, servo = self._lag_of_command(shape), self.signals.servo
+        if not shape.changes(Factor.GAIN):
+            return lag
+        # The command that was sent at an instant acts later, and the motion then is read later still.
+        fine_s = self.signals.tick_s / self.fine
+        cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
+        if servo is not None:
+            place = self._lag_of_place(shape)
+            lag = lag - fed_back(servo, lambda late_s: loops.later(place, cells - late_s / fine_s))
+        return lag * shape.gain(lag, loops.later(self._grid(self.signals.path_rad), cells), self._fine_time_s)
+
+    def held_back(self, shape: Shape, derivative: int = 0) -> FloatArray:
+        """What a servo takes off its command behind the amplifier's lag, (count,), or its rate."""
+        servo, lag = self.signals.servo, self._lag_of_place(shape)
+        assert servo is not None
+        return fed_back(servo, lambda late_s: self.of_fine_signal(lag, (derivative,), shape.motion_delay_s - late_s)[0])
+
+    def _lag_of_command(self, shape: Shape) -> FloatArray:
+        """Its means about the motion's instants."""
         signals, bandwidth = self.signals, shape.bandwidth_rad_s
         fine_s, count = signals.tick_s / self.fine, signals.time_s.size * self.fine
-        lag = self._recent.once(
+        return self._recent.once(
             ("lag", bandwidth),
             lambda: loops.mean_lag_of_held(
                 signals.sent_s,
@@ -144,11 +177,13 @@ class Rows:
                 signals.released_at_zero,
             ),
         )
-        if shape.changes(Factor.GAIN):
-            # The command that was sent at an instant acts later, and the motion then is read later still.
-            cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
-            lag = lag * shape.gain(lag, loops.later(self._grid(signals.path_rad), cells), self._fine_time_s)
-        return np.asarray(self.of_fine_signal(lag, (derivative,), -shape.command_delay_s, of_means=True)[0])
+
+    def _lag_of_place(self, shape: Shape) -> FloatArray:
+        """The same lag of the shaft's angle, at the motion's instants."""
+        bandwidth, fine_s = shape.bandwidth_rad_s, self.signals.tick_s / self.fine
+        return self._recent.once(
+            ("place", bandwidth), lambda: loops.lag_of(self._grid(self.signals.position_rad), bandwidth * fine_s)
+        )
 
     def kinematics(self, shape: Shape) -> FloatArray:
         """ω and ω̇, shape (2, count)."""
@@ -262,6 +297,13 @@ class Rows:
         """The same of the motion."""
         tick_s = self.signals.tick_s
         return self.signals.position_noise * self.averaging.energy(derivative) / tick_s ** (2 * derivative + 1)
+
+    def position_errors(self, shape: Shape) -> FloatArray:
+        """What the position readings' own errors add to the products of a servo's columns, (5, 5), in the mean."""
+        signals = self.signals
+        assert signals.servo is not None
+        errors = position_errors(signals.servo, shape.bandwidth_rad_s, self.averaging, signals.tick_s)
+        return np.asarray(signals.position_noise * errors)
 
     def columns(self, shape: Shape) -> FloatArray:
         """The five physical columns in the order of LINEAR, then E: shape (6, count)."""

@@ -52,12 +52,7 @@ STRIBECK_VELOCITIES = (1e-3, 3.0)
 
 @dataclass(frozen=True)
 class Solution:
-    """Separable least squares (variable projection): the linear unknowns are solved for exactly at every step.
-
-    No initial guess: a scan over the friction's shape, then Gauss-Newton from several amplifier bandwidths in a low
-    band, in which delays are harmless, then in the full band.
-
-    Where the iteration ended.
+    """Where the iteration ended.
 
     ``residual`` (samples,) is in the target's unit; ``innovation`` (samples,) is what of it least squares saw, and
     ``jacobian`` (samples, parameters) its change, negative, with the linear unknowns, then log β, log s, delays.
@@ -214,13 +209,20 @@ def linear_solution(columns: FloatArray, target: FloatArray) -> FloatArray:
     return normal_solution(columns, columns @ target)
 
 
-def normal_solution(columns: FloatArray, right: FloatArray, contamination: FloatArray | None = None) -> FloatArray:
+def normal_solution(
+    columns: FloatArray,
+    right: FloatArray,
+    contamination: FloatArray | None = None,
+    shared: FloatArray | None = None,
+) -> FloatArray:
     """The normal equations of scaled columns with this right side; columns that say nothing get zero.
 
-    ``contamination`` is what errors in the columns add to their squares. It is taken off again, or they would shrink
-    what is estimated; columns beyond its length have none.
+    What errors in the columns add to their squares, ``contamination``, and to products of the first, ``shared`` (5, 5),
+    is taken off again, or they would shrink what is estimated; columns beyond its length have none.
     """
     matrix = columns @ columns.T
+    if shared is not None:
+        matrix[: len(shared), : len(shared)] -= shared
     scale = np.sqrt(np.diag(matrix))
     scale[scale == 0] = 1.0
     matrix /= np.outer(scale, scale)
@@ -245,6 +247,7 @@ class _At:
     residual: FloatArray
     innovation: FloatArray
     cost: float
+    shared: FloatArray | None = None  # of the regression's contamination
 
     @classmethod
     def of(cls, regression: Regression, shape: Shape) -> "_At":
@@ -253,17 +256,21 @@ class _At:
     @classmethod
     def solved(cls, regression: Regression, shape: Shape, columns: FloatArray, memory: Memory) -> "_At":
         """With the regression's own columns at this shape, which no whitening changes."""
-        contamination, white_memory = regression.contamination(), regression.white_memory(memory)
+        contamination, shared = regression.contamination(), regression.shared_contamination(shape)
+        white_memory = regression.white_memory(memory)
         white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
         *_, wanted = left = white_memory.taken_off(white)
         seen = left[:-1]
-        linear = normal_solution(seen, seen @ wanted, contamination)
+        linear = normal_solution(seen, seen @ wanted, contamination, shared)
         innovation = wanted - linear @ seen
         states = white_memory.factors(white[-1] - linear @ white[:-1])
         residual = regression.target() - linear @ columns - states * memory.left
         # Errors in the columns add this to the squares of the innovations.
         cost = float(innovation @ innovation - contamination @ linear[:5] ** 2)
-        return cls(regression, shape, columns, memory, white_memory, seen, linear, states, residual, innovation, cost)
+        cost -= 0.0 if shared is None else float(linear[:5] @ shared @ linear[:5])
+        return cls(
+            regression, shape, columns, memory, white_memory, seen, linear, states, residual, innovation, cost, shared
+        )
 
     def solution(self, *, converged: bool) -> Solution:
         """What the search ends with."""
@@ -304,7 +311,9 @@ class _At:
         right = every @ self.innovation
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:linear] += contamination[:linear] * self.linear
-        whole = normal_solution(every, right, contamination)
+        if self.shared is not None:
+            right[:5] += self.shared @ self.linear[:5]
+        whole = normal_solution(every, right, contamination, self.shared)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[list(self.regression.free)] = whole[len(self.seen) :]
         variance = self.regression.alike * max(self.cost, 0.0) / self.innovation.size

@@ -12,6 +12,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.fed_back import near_limit
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from norton_bench.identification.readings import (
     moving,
@@ -24,6 +25,7 @@ from norton_bench.identification.readings import (
 )
 from norton_bench.records import NO_DEVICE_TIME, Measured, Table
 from norton_bench.segments import Use
+from norton_drivers.servo import Servo
 
 # The motion is known this many times a tick: between its samples the friction's path is taken as straight.
 FINE = 4
@@ -36,6 +38,9 @@ SHORTEST_STRETCH_TICKS = 100
 LEAST_MOVING_SHARE = 0.1
 # After a rest of this length nobody knows what the friction holds; it is known again where the motion tells.
 FORGETS_AFTER_S = 0.1
+# A servo at its limit gives another torque than its equation for as long as delays, its amplifier's lag and the fit's
+# low-pass reach.
+LIMIT_LASTS_TICKS = 20
 # A shaft that begins to move has moved a little already when it shows.
 BEFORE_MOVING_TICKS = 10
 
@@ -80,6 +85,7 @@ class Signals:
     smoothed: "TimeSeries | None" = None
     count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
     released_at_zero: bool = False  # the drive: as in records.Chain
+    servo: Servo | None = None  # its position loop, likewise
 
 
 def signals(
@@ -241,8 +247,13 @@ def _stretch(
     sent_s = sent_at_s(ticks, origin_ns)
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
+    command = np.ascontiguousarray(ticks[column][chosen])
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
+    servo = measured.chain.servo if port is Port.ACTUATOR else None
+    if servo is not None:
+        place = streams["path"].at(time_s)
+        usable &= ~_lasting(near_limit(servo, sent_s[chosen], command, time_s, place), LIMIT_LASTS_TICKS)
     return Signals(
         tick_s=tick_s,
         origin_ns=origin_ns,
@@ -250,7 +261,7 @@ def _stretch(
         position_rad=streams["position"].at(fine_s),
         path_rad=streams["path"].at(fine_s),
         sent_s=np.ascontiguousarray(sent_s[chosen]),
-        command=np.ascontiguousarray(ticks[column][chosen]),
+        command=command,
         segment=segment,
         usable=usable,
         rests=_ends_of_rests(moves, tick_s),
@@ -265,6 +276,7 @@ def _stretch(
         smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
         count_rad=streams["position"].step,
         released_at_zero=port.value in measured.chain.released_at_zero,
+        servo=servo,
     )
 
 
@@ -281,6 +293,11 @@ def _usable(streams: dict[str, TimeSeries], time_s: FloatArray, in_use: BoolArra
     # A clamped shaft never moves, and still tells its gain.
     enough = np.count_nonzero(well_known) > LEAST_MOVING_SHARE * np.count_nonzero(usable)
     return (well_known if enough else usable), moves
+
+
+def _lasting(held: BoolArray, ticks: int) -> BoolArray:
+    """Also for so long before and after."""
+    return np.asarray(np.convolve(held, np.ones(2 * ticks + 1), "same") > 0.5)
 
 
 def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:

@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
@@ -23,6 +24,7 @@ from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
+from norton_drivers.servo import Servo
 
 # A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
 LEAST_DAMPING_RATIO = 0.005
@@ -274,6 +276,8 @@ class SimulatedStretch:
         lag = self.lag(acts_s, stretch.command, shape.bandwidth_rad_s, released=stretch.released_at_zero)
         if isinstance(solution.regression, JointRegression):
             return self._of_joint(solution.regression, shape, lag)
+        if stretch.servo is not None:
+            lag = lag - self._held_back(shape, stretch.servo)
         if shape.changes(Factor.GAIN):
             read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
             lag = lag * shape.gain(lag, self.motion(read_s), self.time_s - solution.regression.rows[0].middle_s)
@@ -288,6 +292,11 @@ class SimulatedStretch:
         model = regression.model(shape)
         begins = np.zeros(1, dtype=np.int64)
         return np.asarray(model.torque(driven, path, self.stretch.tick_s / FINE, begins, states, 0.0))
+
+    def _held_back(self, shape: Shape, servo: Servo) -> FloatArray:
+        """What a servo takes off its command behind the amplifier's lag, (n,)."""
+        read_s = np.clip(self.time_s + shape.motion_delay_s, self.time_s[0], self.time_s[-1])
+        return lag_of_place(servo, shape.bandwidth_rad_s, self.motion(read_s), self.stretch.tick_s / FINE)
 
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:

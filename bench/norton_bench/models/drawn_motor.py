@@ -16,6 +16,7 @@ from norton_bench.models.network import PARAMETER_OF_FIELD, REQUIRED, NortonNetw
 from norton_bench.models.terms import ASYMMETRY, DRAG, LOAD, SATURATION, STRIBECK, STRIBECK_VELOCITY, waves_of
 
 SPEEDS = 1001
+BISECTIONS = 60  # halve an interval to the last digit of a number
 SHOWN = 3.0
 
 
@@ -56,6 +57,45 @@ def held_nm(network: NortonNetwork, side: float) -> float:
     """The friction [N m] that sliding towards ``side`` (±1) begins at, with no torque at the port."""
     row = network.row
     return float(network.coulomb_torque_nm * (1.0 + row[STRIBECK] + side * row[ASYMMETRY]))
+
+
+def thresholds(network: NortonNetwork) -> tuple[float, float]:
+    """The commands, lower and upper, that set a shaft at rest in motion; infinite where saturation never lets them."""
+    lower, upper = (_breakaway(network, side) for side in (-1.0, 1.0))
+    return lower, upper
+
+
+def _breakaway(network: NortonNetwork, side: float) -> float:
+    held = held_nm(network, side if network.torque_gain > 0.0 else -side)
+    return float(side * command_for(held / abs(network.torque_gain), network.row[SATURATION]))
+
+
+def command_for(ratio: npt.ArrayLike, saturation: npt.ArrayLike) -> FloatArray:
+    """The smaller root c of ratio = c/(1 + κ·c²), of their shape; infinite where there is none."""
+    asked = np.asarray(ratio, dtype=float)
+    root = 1.0 - 4.0 * np.asarray(saturation) * asked**2
+    return np.where(root < 0.0, inf, 2.0 * asked / (1.0 + np.sqrt(np.maximum(root, 0.0))))
+
+
+def source_velocity(network: NortonNetwork, command: npt.ArrayLike) -> FloatArray:
+    """As NortonNetwork.source_velocity."""
+    row, torque = network.row, drive_nm(network, command)
+    if network.servo is not None:
+        return np.zeros_like(torque)
+    side, size = np.sign(torque), np.abs(torque)
+    beyond = np.maximum(size - network.coulomb_torque_nm * (1.0 + row[STRIBECK] + side * row[ASYMMETRY]), 0.0)
+    if not (row[STRIBECK] or row[DRAG]):
+        return np.asarray(side * beyond / network.viscous_damping_nms_rad)
+    # Damping that falls with the velocity is greatest half way to where there is none: beyond, nothing is steady.
+    fastest = size / network.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
+    low, high = np.zeros_like(torque), np.broadcast_to(fastest, torque.shape)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        faster = size > np.abs(resistance_nm(network, side * middle))
+        low, high = np.where(faster, middle, low), np.where(faster, high, middle)
+    # Never held up to the last step of the search: nothing holds it.
+    steady = np.where((row[DRAG] < 0.0) & (high >= fastest), inf, low)
+    return np.asarray(side * np.where(beyond > 0.0, steady, 0.0))
 
 
 def falling(network: NortonNetwork, fastest_rad_s: float) -> tuple[float, float, float] | None:
@@ -119,10 +159,7 @@ class Motor:
 
     def command_for(self, torque_nm: FloatArray) -> FloatArray:
         """The command that gives this torque; infinite where saturation allows none."""
-        ratio = over(torque_nm, self.gain)
-        root = 1.0 - 4.0 * self._term("gain_saturation") * ratio**2
-        # The smaller root of ratio = c/(1 + κ c²), as a network's thresholds have it.
-        return np.where(root < 0.0, inf, 2.0 * ratio / (1.0 + np.sqrt(np.maximum(root, 0.0))))
+        return command_for(over(torque_nm, self.gain), self._term("gain_saturation"))
 
     @property
     def held_nm(self) -> FloatArray:

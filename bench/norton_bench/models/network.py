@@ -21,13 +21,10 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network_file import as_object, read_json, read_matrix, read_prediction, read_term
 from norton_bench.models.parameters import BY_NAME, PredictionError
+from norton_bench.models.servo_file import servo_as_json, servo_from_json
 from norton_bench.models.terms import (
-    ASYMMETRY,
     DRAG,
     LOAD,
-    SATURATION,
-    STRIBECK,
-    STRIBECK_VELOCITY,
     Factor,
     NetworkTerm,
     factors_of,
@@ -36,6 +33,7 @@ from norton_bench.models.terms import (
     row_of,
     waves_of,
 )
+from norton_drivers.servo import Servo
 
 FORMAT = "norton-network"
 VERSION = 1
@@ -60,6 +58,7 @@ PARAMETER_OF_FIELD = {
     "presliding_damping_nms_rad": "presliding_damping",
     "torque_constant": "torque_constant",
     "amplifier_gain": "amplifier_gain",
+    "torque_limit_nm": "torque_limit",
 }
 # In the provenance: the status of each parameter that is not valid, "name=status; name=status".
 STATUS = "status"
@@ -69,7 +68,6 @@ LONGEST_STEP_S = 1e-4
 # Where friction grows with the port's torque, that torque depends on itself: each iteration leaves the share μ of the
 # error before it.
 LOAD_ITERATIONS = 5
-BISECTIONS = 60  # halve an interval to the last digit of a number
 
 
 def told_statuses(provenance: Mapping[str, str]) -> dict[str, str]:
@@ -96,11 +94,13 @@ class NortonNetwork:
     command_unit: str
     torque_constant: float | None = None
     amplifier_gain: float | None = None
+    torque_limit_nm: float | None = None
     covariance_names: tuple[str, ...] = ()
     covariance: tuple[tuple[float, ...], ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
     terms: tuple[NetworkTerm, ...] = ()  # what it has beside the paper's motor
+    servo: Servo | None = None  # its position loop: the gain is then its stiffness, and c the lag of c − θ − lead·ω
 
     @classmethod
     def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
@@ -121,45 +121,21 @@ class NortonNetwork:
     def thresholds(self) -> tuple[float, float]:
         """The commands, lower and upper, at which a shaft at rest begins to move; what changes with the position is
         taken at its mean."""
-        row = self.row
-        lower, upper = (self._breakaway(row, side) for side in (-1.0, 1.0))
-        return lower, upper
+        from norton_bench.models.drawn_motor import thresholds  # noqa: PLC0415  (which takes networks)
 
-    def _breakaway(self, row: FloatArray, side: float) -> float:
-        """The command that overcomes friction at rest; infinite where saturation never lets it."""
-        forwards = side if self.torque_gain > 0.0 else -side
-        torque = self.coulomb_torque_nm * (1.0 + row[STRIBECK] + forwards * row[ASYMMETRY])
-        ratio, saturation = torque / abs(self.torque_gain), row[SATURATION]
-        root = 1.0 - 4.0 * saturation * ratio**2
-        if root < 0.0:
-            return side * inf
-        # The smaller root of ratio = c/(1 + κ c²), written so that κ = 0 needs no case of its own.
-        return float(side * 2.0 * ratio / (1.0 + root**0.5))
+        return thresholds(self)
 
     def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
         """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
 
+        A servo has none: it goes where its command says.
+
         Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
         not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
         """
-        row, asked = self.row, np.asarray(command, dtype=float)
-        torque = self.torque_gain * asked / (1.0 + row[SATURATION] * asked**2)
-        side = np.sign(torque)
-        directed = self.coulomb_torque_nm * (1.0 + side * row[ASYMMETRY])
-        beyond = np.maximum(np.abs(torque) - directed - self.coulomb_torque_nm * row[STRIBECK], 0.0)
-        if not (row[STRIBECK] or row[DRAG]):
-            return np.asarray(side * beyond / self.viscous_damping_nms_rad)
-        # Damping that falls with the velocity is greatest half way to where there is none: beyond, nothing is steady.
-        fastest = np.abs(torque) / self.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
-        low, high = np.zeros_like(torque), np.broadcast_to(fastest, torque.shape)
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            stribeck = self.coulomb_torque_nm * row[STRIBECK] * np.exp(-((middle / row[STRIBECK_VELOCITY]) ** 2))
-            damping = self.viscous_damping_nms_rad * (1.0 + row[DRAG] * middle)
-            faster = np.abs(torque) > directed + stribeck + damping * middle
-            low, high = np.where(faster, middle, low), np.where(faster, high, middle)
-        steady = np.where((row[DRAG] < 0.0) & (low > 0.999 * fastest), inf, low)
-        return np.asarray(side * np.where(beyond > 0.0, steady, 0.0))
+        from norton_bench.models.drawn_motor import source_velocity  # noqa: PLC0415  (which takes networks)
+
+        return source_velocity(self, command)
 
     def free_motion(
         self,
@@ -193,7 +169,9 @@ class NortonNetwork:
             motion = joint_steps.free_motion(held, port, tick_s, self._motor, self.joint, row, waves, start)
             return motion[0], motion[1], motion[2]
         substeps = ceil(tick_s / longest_step_s - 1e-9)
-        motion = network_steps.free_motion(held, port, tick_s, substeps, self._motor, row, waves, start)
+        motion = network_steps.free_motion(
+            held, port, tick_s, substeps, self._motor, row, waves, start, self._loop, self.servo is not None
+        )
         return motion[0], motion[1], motion[2]
 
     @property
@@ -239,8 +217,7 @@ class NortonNetwork:
 
         position = np.ascontiguousarray(position_rad, dtype=float)
         held = np.ascontiguousarray(command, dtype=float)
-        decay = float(np.exp(-self.amplifier_bandwidth_rad_s * tick_s))
-        lagged = network_steps.lagged(held, decay, motor_torque_nm / self.torque_gain)
+        lagged = self._lagged(held, position, tick_s, motor_torque_nm / self.torque_gain)
         row, s = self.row, self.presliding_stiffness_nm_rad / self.coulomb_torque_nm
         if self.joint is not None:
             return self._torque_behind(self.joint, held, position, tick_s, motor_torque_nm, friction_torque_nm)
@@ -290,6 +267,24 @@ class NortonNetwork:
         )  # fmt: skip
         return np.asarray(carried[::parts] - joint[2] * _second_difference(position, tick_s))
 
+    def _lagged(self, command: FloatArray, position_rad: FloatArray, tick_s: float, start: float) -> FloatArray:
+        """Behind the amplifier's lag, at every tick (n,), per unit of gain."""
+        from norton_bench.models import network_steps, servo_steps  # noqa: PLC0415  (compiled: slow to import)
+
+        bandwidth_rad_s = self.amplifier_bandwidth_rad_s
+        if self.servo is None:
+            return network_steps.lagged(command, float(np.exp(-bandwidth_rad_s * tick_s)), start)
+        substeps = ceil(tick_s / LONGEST_STEP_S - 1e-9)
+        return servo_steps.lagged(command, position_rad, bandwidth_rad_s, tick_s, substeps, self._loop, start)
+
+    @property
+    def _loop(self) -> tuple[float, float, float, float]:
+        """Lead, delay and window [s] of its servo, and limit [rad]; nothing where it has none."""
+        if self.servo is None:
+            return 0.0, 0.0, 1.0, inf
+        limit = inf if self.torque_limit_nm is None else self.torque_limit_nm / abs(self.torque_gain)
+        return self.servo.lead_s, self.servo.delay_s, self.servo.window_s, limit
+
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:
         """Its factors with values over those that they are relative to."""
@@ -326,10 +321,11 @@ class NortonNetwork:
         parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in self.parameters().items()}
         return {
             "format": FORMAT,
-            "version": VERSION_WITH_TERMS if self.terms else VERSION,
+            "version": VERSION_WITH_TERMS if self.terms or self.servo else VERSION,
             "command_unit": self.command_unit,
             "parameters": parameters,
             **({"terms": [self._term_as_json(term) for term in self.terms]} if self.terms else {}),
+            **({} if self.servo is None else {"servo": servo_as_json(self.servo)}),
             "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
             **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
             "provenance": dict(self.provenance),
@@ -367,6 +363,7 @@ class NortonNetwork:
             provenance={str(key): str(value) for key, value in as_object(content.get("provenance", {})).items()},
             prediction=read_prediction(path, content.get("prediction")),
             terms=tuple(read_term(path, as_object(each)) for each in content.get("terms") or ()),
+            servo=None if content.get("servo") is None else servo_from_json(path, content["servo"]),
         )
 
 

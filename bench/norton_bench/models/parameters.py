@@ -34,6 +34,7 @@ PARAMETERS = (
     Parameter("presliding_damping", "σ1", "N*m*s/rad", "damping of the friction contact before it slides"),
     Parameter("torque_constant", "Km", "N*m/A", "shaft torque per ampere (only where current is measured)"),
     Parameter("amplifier_gain", "Ka", "A/({command})", "current per unit of command (only where current is measured)"),
+    Parameter("torque_limit", "τmax", "N*m", "greatest torque of a servo's motor (only where it was reached)"),
 )
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 

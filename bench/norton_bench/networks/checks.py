@@ -6,6 +6,7 @@ import numpy as np
 
 from norton_bench.models.drawn_motor import command_shown, falling, greatest_friction_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.servo_source import SETTLED, settling_in_words, still_to_come, zero_in_words
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.equation_checks import conditions_of_equations
 from norton_bench.networks.family import Network
@@ -40,6 +41,9 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
         else f"friction grows by μ = {load:.3g} of the torque at the port: from 1 on, not every motion has one torque",
     )
     yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
+    if network.servo is not None:
+        yield from _held(network)
+        return
     yield from _sliding(network)
     held = f"{greatest_friction_nm(network):.4g}"
     most = f"{held} N m of friction and cogging" if network.terms else f"τc = {held} N m"
@@ -48,6 +52,20 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
         False,
         f"a blocked port exerts its motor torque within ± {most}, by how it came to "
         "rest: only the motion source can be told from the port",
+    )
+
+
+def _held(network: NortonNetwork) -> Iterator[Finding]:
+    """A servo's shaft goes to its goal, and settles there."""
+    left = still_to_come(network)
+    yield Finding("unique zero", network.torque_gain > 0.0, zero_in_words(network))
+    yield Finding("stable zero dynamics", left <= SETTLED, settling_in_words(left))
+    yield Finding(
+        "exertion source",
+        None,
+        f"a blocked port exerts {network.torque_gain:.4g} N m/rad of its distance from the goal"
+        + ("" if network.torque_limit_nm is None else f", {network.torque_limit_nm:.4g} N m at most")
+        + f", within ± τc = {network.coulomb_torque_nm:.4g} N m by how it came to rest",
     )
 
 

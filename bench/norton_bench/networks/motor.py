@@ -53,8 +53,13 @@ def as_equations(network: NortonNetwork, kind: Kind = Kind.NORTON, form: Form = 
     """The motor's network in one of its four shapes, written out: the same motor, only slower to simulate.
 
     A motor behind a joint is written as Thévenin's where Norton's impedance is asked for: what goes in and out is the
-    same. Raises NoConversionError, in a sentence, for Norton's admittance of it.
+    same. Raises NoConversionError, in a sentence, for Norton's admittance of it, and for a servo.
     """
+    if network.servo is not None:
+        raise NoConversionError(
+            "a servo's loop acts on where the shaft was before, for which these equations have no words; "
+            "use its torque() and free_motion(), or export it --to mujoco"
+        )
     motor = _Motor(network)
     if network.joint is not None:
         return _behind_joint(motor, network.joint, kind, form)

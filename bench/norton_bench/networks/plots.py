@@ -74,6 +74,9 @@ def _source(axes: Axes, network: Network, commands: FloatArray, settle_s: float)
 
 def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
     """Torque against velocity in steady sliding, for a few commands (section IV.D)."""
+    if network.servo is not None:
+        _pulled(axes, network, commands)
+        return
     fastest = float(np.abs(network.source_velocity(commands)).max()) or 1.0
     velocity = np.linspace(-1.5 * fastest, 1.5 * fastest, 301)
     for command in _few(commands):
@@ -81,6 +84,16 @@ def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
     axes.plot(network.source_velocity(_few(commands)), np.zeros(LINES), "k.", label="source")
     by_place = any(term.term.periodic for term in network.terms)
     _labelled(axes, "ω [rad/s]", "torque [N m]", "impedance, sliding" + (", mean over a turn" if by_place else ""))
+
+
+def _pulled(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
+    """A servo's torque against the angle, at rest, but for friction."""
+    most = np.inf if network.torque_limit_nm is None else network.torque_limit_nm
+    angle = np.linspace(2.0 * commands[0], 2.0 * commands[-1], 301)
+    for command in _few(commands):
+        torque = np.clip(network.torque_gain * (command - angle), -most, most)
+        axes.plot(angle, torque, label=f"c = {command:.3g}")
+    _labelled(axes, "x [rad]", "torque [N m]", "impedance, at rest, without friction")
 
 
 def _has_map(network: NonlinearNetwork) -> bool:

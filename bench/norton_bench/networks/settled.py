@@ -15,6 +15,7 @@ from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork, advance, steps_in
 from norton_bench.networks.operator import Operator, driven
+from norton_drivers.servo import Servo
 
 SETTLE_S = 1.0
 # Relative step of the differences that linearise.
@@ -46,6 +47,8 @@ def static_source(
     if varied not in names:
         raise UsageError(f'the network has no command "{varied}"; it has {", ".join(names)}')
     match network:
+        case NortonNetwork(servo=Servo()):
+            return StaticSource(levels, levels, "x_N", "rad")
         case NortonNetwork():
             return StaticSource(levels, network.source_velocity(levels), "v_N", "rad/s")
         case LinearNetwork():

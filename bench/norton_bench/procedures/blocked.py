@@ -8,7 +8,7 @@ import numpy as np
 from norton_bench.errors import RigError
 from norton_bench.identification.source_map import FAST, FROM_REST
 from norton_bench.procedures.excitations import bounds_of, held_within, words_for
-from norton_bench.procedures.knowledge import Knowledge, Plan
+from norton_bench.procedures.knowledge import Knowledge, Plan, refuse_servo
 from norton_bench.procedures.options import BlockedOptions
 from norton_bench.procedures.waves import Motion, coasting, from_velocity, hold, imposed, ramp
 from norton_bench.records import Measured
@@ -34,6 +34,7 @@ class BlockedProcedure:
     name: ClassVar[str] = "blocked"
 
     def require(self, rig: Rig) -> None:
+        refuse_servo(rig, self.name)
         if rig.wiring.torque_sensor is None:
             raise RigError(
                 f"{rig.place}: step 'blocked' needs a torque sensor at the port; add a [torque_sensor] section"

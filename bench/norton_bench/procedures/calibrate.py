@@ -17,6 +17,7 @@ from norton_bench.identification.simulated_bench import least_damping_nms_rad
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions
+from norton_bench.procedures.servo_room import greatest_shake
 from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.procedures.waves import back, coasting, growth, highest_hz, hold, multisine, pushed
 from norton_bench.records import Measured
@@ -105,7 +106,7 @@ class CalibrateProcedure:
             multisine(duration_s, tick_s, low_hz=low_hz, high_hz=high_hz, seed=each, slope=-0.25)
             for each in (seed, seed + 1)
         )
-        return _load_strength_nm(known) * load, known.rig.command.limit * actuator
+        return _load_strength_nm(known) * load, greatest_shake(known.rig) * actuator
 
 
 def _load_strength_nm(known: Knowledge) -> float:
@@ -114,7 +115,7 @@ def _load_strength_nm(known: Knowledge) -> float:
     # A command that is not a torque, such as a position, gives no torque that sets the shaft in motion.
     if command.sent_as is not None or tare is None or not tare.moving_command or not tare.moving_load_nm:
         return greatest_nm
-    return min(greatest_nm, STRONGER * abs(tare.moving_load_nm / tare.moving_command) * command.limit)
+    return min(greatest_nm, STRONGER * abs(tare.moving_load_nm / tare.moving_command) * greatest_shake(known.rig))
 
 
 def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge) -> LoadCalibration:
@@ -173,7 +174,7 @@ def first_inertia_kgm2(actuator: FitResult | None) -> float | None:
 
 def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
     """The friction of the actuator, where the calibration gives it and the inertia well enough."""
-    if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator):
+    if actuator is None or first_inertia_kgm2(actuator) is None or not well_known(actuator) or actuator.network.servo:
         return None
     network = actuator.network.dissipative()
     return ActuatorFriction(

@@ -11,6 +11,7 @@ from norton_bench.errors import ExperimentError, RigError
 from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.options import FreeOptions
+from norton_bench.procedures.servo_plans import free_goals, goal_span, servo_free_s
 from norton_bench.procedures.tare import turned
 from norton_bench.procedures.waves import growth, highest_hz, hold, multisine, ramp, staircase, zero_torque
 from norton_bench.records import Measured
@@ -51,10 +52,22 @@ class FreeProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
+        if rig.servo is not None:
+            options = self.options
+            return servo_free_s(options.levels, options.dwell_s, options.duration_s) + REST_S
         stairs = 2 * self.options.levels * self.options.dwell_s
         return 2 * (SEARCH_S + REST_S) + stairs + 2 * MOVE_S + self.options.duration_s + REST_S
 
     def plan(self, known: Knowledge) -> Plan:
+        return self._plan(known) if known.rig.servo is None else self._servo_plan(known)
+
+    def _servo_plan(self, known: Knowledge) -> Plan:
+        options, rig = self.options, known.rig
+        for name, goals in free_goals(known, options.levels, options.dwell_s, options.duration_s):
+            yield zero_torque(self.name, name, Use.IDENTIFY, goals, rig)
+        yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s), rig)
+
+    def _plan(self, known: Knowledge) -> Plan:
         rig, tick_s = known.rig, known.tick_s
         wanted_rad_s = self.options.amplitude * rig.limits.velocity_rad_s
         ends = []
@@ -77,6 +90,8 @@ class FreeProcedure:
         yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        if known.rig.servo is not None:
+            return replace(known, command_span=(-goal_span(known), goal_span(known)))
         searches = [segment for segment in measured.segments if segment.name == "search"]
         ends = [measured.between(s.start_ns, s.end_ns).ticks["command"][-1] for s in searches]
         low, high = self._span_within(known, ends)

@@ -12,7 +12,24 @@ from norton_bench.procedures.excitations import Sized, bounds_of, imposed_within
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
-from norton_bench.procedures.waves import Motion, hold, imposed, multisine_motion, ramp, sine_motion, velocity_steps
+from norton_bench.procedures.servo_plans import (
+    LIMIT_STRETCH,
+    SHAKES,
+    imposed_stretches,
+    limit_stretch,
+    servo_imposed_s,
+    shaken,
+)
+from norton_bench.procedures.waves import (
+    Motion,
+    hold,
+    imposed,
+    multisine_motion,
+    pushed,
+    ramp,
+    sine_motion,
+    velocity_steps,
+)
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
@@ -49,6 +66,8 @@ class ImposedProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
+        if rig.servo is not None:
+            return servo_imposed_s(self.options.duration_s) + len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ + REST_S
         grid = self.options.commands * (len(self.velocities_rad_s(rig)) + 1) * (CHANGE_S + DWELL_S)
         loops = len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ
         return grid + loops + self.options.duration_s + REST_S
@@ -63,6 +82,12 @@ class ImposedProcedure:
     def plan(self, known: Knowledge) -> Plan:
         for name, sized in self._stretches(known):
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
+        if known.rig.servo is not None:
+            for shake in range(SHAKES):
+                load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=31 + 2 * shake)
+                yield pushed(self.name, "shaken", Use.IDENTIFY, load_nm, goal)
+            if (limit := limit_stretch(known)) is not None:
+                yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
@@ -75,6 +100,10 @@ class ImposedProcedure:
 
     def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """The commands and motions to impose, in order, each with its name."""
+        if known.rig.servo is not None:
+            loops = tuple((amplitude_rad, LOOP_HZ, LOOP_CYCLES) for amplitude_rad in LOOP_AMPLITUDES_RAD)
+            yield from imposed_stretches(known, self.options.duration_s, 3, loops)
+            return
         tick_s, bounds = known.tick_s, bounds_of(known)
         low, high = known.span()
         steps = velocity_steps(self.velocities_rad_s(known.rig), CHANGE_S, DWELL_S, tick_s)

@@ -28,7 +28,7 @@ from norton_bench.identification.trials import TRIAL, diverge, settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, why_no_basis
+from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, refuse_servo, why_no_basis
 from norton_bench.procedures.learning import Assembly, InSitu, Models, correction, next_load_torque
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
 from norton_bench.procedures.waves import coasting, hold, multisine, pushed, ramp
@@ -136,6 +136,7 @@ class InSituProcedure:
     name: ClassVar[str] = Shake.name
 
     def require(self, rig: Rig) -> None:
+        refuse_servo(rig, self.name)
         if rig.wiring.load is None:
             raise RigError(
                 f"{rig.place}: step 'in_situ' needs a load drive to give the load what it needs; "

@@ -14,7 +14,15 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.in_situ import Machine
 from norton_bench.identification.trials import TRIAL, figures_of, seen
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
+from norton_bench.procedures.knowledge import (
+    Decision,
+    Knowledge,
+    Plan,
+    refuse_servo,
+    require_load,
+    require_model,
+    why_no_basis,
+)
 from norton_bench.procedures.learning import Iteration, Models, correction, next_load_torque
 from norton_bench.procedures.options import IterateOptions
 from norton_bench.procedures.waves import Motion, coasting, from_velocity, hold, imposed, pushed
@@ -74,6 +82,7 @@ class IterateProcedure:
 
     def require(self, rig: Rig) -> None:
         require_model(rig, self.name)
+        refuse_servo(rig, self.name)
         require_load(rig, self.name, "to go along with the actuator")
 
     def duration_s(self, rig: Rig) -> float:

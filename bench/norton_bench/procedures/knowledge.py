@@ -142,6 +142,15 @@ def require_model(rig: Rig, name: str) -> None:
         )
 
 
+def refuse_servo(rig: Rig, name: str) -> None:
+    """Raises RigError where the actuator's command is a position, for a step that moves it as a motor."""
+    if rig.servo is not None:
+        raise RigError(
+            f"{rig.place}: step '{name}' is for a motor, and the command of this actuator is a position; leave it out: "
+            "'free' and 'imposed' measure a servo"
+        )
+
+
 def require_load(rig: Rig, name: str, why: str) -> None:
     """Raises RigError where the rig has no load drive, or no torque sensor for it to act upon."""
     if rig.wiring.load is None:

@@ -25,7 +25,15 @@ from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
 from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates, travel_left_rad
-from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, require_load, require_model, why_no_basis
+from norton_bench.procedures.knowledge import (
+    Decision,
+    Knowledge,
+    Plan,
+    refuse_servo,
+    require_load,
+    require_model,
+    why_no_basis,
+)
 from norton_bench.procedures.options import RefineOptions
 from norton_bench.procedures.refinement import (
     IMPROVABLE,
@@ -90,6 +98,7 @@ class RefineProcedure:
 
     def require(self, rig: Rig) -> None:
         require_model(rig, self.name)
+        refuse_servo(rig, self.name)
         require_load(rig, self.name, "to impose motion: without it only ratios of parameters can be identified")
 
     def duration_s(self, rig: Rig) -> float:

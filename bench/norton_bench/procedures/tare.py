@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
+from math import log
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.knowledge import Knowledge, Plan, Tare
 from norton_bench.procedures.options import RestOptions, TareOptions
+from norton_bench.procedures.servo_room import greatest_step
 from norton_bench.procedures.waves import back, coasting, growth, hold, pushed
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
@@ -115,6 +117,7 @@ SEARCH_S = 2.5  # how long a torque grows until the shaft moves
 REST_S = 0.3
 # The shaft moves: it is faster than this share of the velocity limit.
 MOVING = 0.03
+MOVING_GOAL_SHARE = 0.3  # or, of a servo, than it is at this share of its greatest goal
 # Where the torque sensor measured no more than noise: further pushes, to these multiples of that speed. The torque at
 # the port grows with it, and every push averages the noise more.
 FASTER = (2.0, 4.0, 8.0)
@@ -137,7 +140,7 @@ class TareProcedure:
 
     def plan(self, known: Knowledge) -> Plan:
         rig = known.rig
-        moving_rad_s = MOVING * rig.limits.velocity_rad_s
+        moving_rad_s = moving_velocity_rad_s(rig)
         rest = yield coasting(self.name, "rest", Use.TARE, hold(0.0, self.options.duration_s, known.tick_s))
         if rig.wiring.load is not None:
             torque_nm = growth(greatest_load_torque(rig), SEARCH_S, known.tick_s)
@@ -147,7 +150,7 @@ class TareProcedure:
             yield back(self.name, "after a push", rig, measured, REST_S)
         if rig.wiring.shaft == "clamped" and rig.wiring.load is None:
             return
-        command = growth(rig.command.limit, SEARCH_S, known.tick_s)
+        command = growth(greatest_step(rig), SEARCH_S, known.tick_s)
         push = coasting(self.name, "actuator pushes", Use.TARE, command, stop_at_velocity_rad_s=moving_rad_s)
         measured = yield from self._pushes(push, rig, rest)
         _refuse(actuator_push_faults(measured, push, moving_rad_s, rest))
@@ -177,6 +180,15 @@ class TareProcedure:
             moving_load_nm=_last(parts.get("load pushes"), "load_torque_nm"),
         )
         return replace(known, tare=tare)
+
+
+def moving_velocity_rad_s(rig: Rig) -> float:
+    """From which on the shaft counts as turning."""
+    moving_rad_s = MOVING * rig.limits.velocity_rad_s
+    if rig.servo is None:
+        return moving_rad_s
+    # It follows a goal that grows by this factor a second, and reaches the velocity at a share of its greatest goal.
+    return min(moving_rad_s, MOVING_GOAL_SHARE * log(100.0) / SEARCH_S * greatest_step(rig))
 
 
 def greatest_load_torque(rig: Rig) -> float:

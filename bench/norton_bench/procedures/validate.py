@@ -12,7 +12,8 @@ from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
-from norton_bench.procedures.waves import hold, imposed, ramp, sine_motion, velocity_steps, zero_torque
+from norton_bench.procedures.servo_plans import SHAKES, free_goal, imposed_stretches, servo_imposed_s, shaken
+from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
@@ -44,6 +45,8 @@ class ValidateProcedure:
         free_s = self.options.duration_s + REST_S
         if rig.wiring.load is None:
             return free_s
+        if rig.servo is not None:
+            return free_s + servo_imposed_s(self.options.duration_s) + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
         slides_s = len(COMMAND_SHARES) * (len(SPEED_SHARES) + 1) * (CHANGE_S + DWELL_S)
         return 2 * free_s + SLOW_S + slides_s + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
 
@@ -57,6 +60,10 @@ class ValidateProcedure:
         if rig.wiring.load is not None:
             for name, sized in self._driven(known):
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
+            if rig.servo is not None:
+                for shake in range(SHAKES):
+                    load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=51 + 2 * shake)
+                    yield pushed(self.name, "shaken", Use.VALIDATE, load_nm, goal)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
@@ -66,10 +73,17 @@ class ValidateProcedure:
         return tuple(sentence for name, share in shares for sentence in words_for(f"{self.name}, {name}:", share))
 
     def _free(self, known: Knowledge) -> FloatArray:
+        if known.rig.servo is not None:
+            return free_goal(known, self.options.duration_s, self.options.seed)
         return command_multisine(known, known.span(), self.options.duration_s, self.options.seed)
 
     def _driven(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """A multisine, slow motion, sliding at other speeds, small loops, each with its name."""
+        if known.rig.servo is not None:
+            loops = tuple((amplitude_rad, LOOP_HZ, LOOP_CYCLES) for amplitude_rad in LOOPS_RAD)
+            for name, sized in imposed_stretches(known, self.options.duration_s, self.options.seed + 1, loops):
+                yield f"imposed {name}", sized
+            return
         seed, tick_s, bounds = self.options.seed, known.tick_s, bounds_of(known)
         low, high = known.span()
         motion = imposed_multisine(known, IMPOSED_AMPLITUDE, self.options.duration_s, seed + 1)

@@ -1,5 +1,6 @@
 """Reads a recording back into the form in which it was measured."""
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -29,6 +30,7 @@ from norton_bench.recording.schemas import (
 from norton_bench.records import TABLES, Chain, Event, Measured, SegmentInfo, Stream, Table
 from norton_bench.segments import Use
 from norton_drivers.readings import RawFrame
+from norton_drivers.servo import Servo
 
 
 def read_recording(path: Path, *, raw_frames: bool = True) -> Recording:
@@ -106,7 +108,9 @@ def _fault(found: Scan) -> str:
 
 def _chain(metadata: Mapping[str, str]) -> Chain:
     return Chain(
-        float(metadata.get("torque_averaging_s", "0")), frozenset(metadata.get("released_at_zero", "").split())
+        float(metadata.get("torque_averaging_s", "0")),
+        frozenset(metadata.get("released_at_zero", "").split()),
+        Servo(**json.loads(metadata["servo"])) if metadata.get("servo") else None,
     )
 
 

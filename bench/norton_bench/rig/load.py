@@ -108,7 +108,9 @@ def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> Dev
     settings = _device(role, section, options)
     if declared is None:
         return settings
-    return replace(settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band)
+    return replace(
+        settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band, servo=declared.servo
+    )
 
 
 def _limits(section: LimitsSection, load_torque_nm: float | None) -> Limits:
@@ -152,6 +154,7 @@ NAME = re.compile(r'^(name\s*=\s*)"[^"\n]*"', re.MULTILINE)
 # What the simulated device is beside its mechanics: encoder, noise, how it is mounted and set up.
 KEPT = ("counts_per_turn", "encoder_bandwidth", "current_noise", "mounted", "device")
 TORQUE_CONSTANT, AMPLIFIER_GAIN = "torque_constant", "amplifier_gain"
+DERIVED = ("torque_gain", "torque_limit")
 # What the simulator calls terms that it calls otherwise.
 DEPARTURE = {"load": "load_friction", "drag": "quadratic_drag"}
 
@@ -214,7 +217,7 @@ def _plant(network: NortonNetwork, written: dict[str, str]) -> list[str]:
 
 def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any]) -> dict[str, str]:
     """Each parameter's text, under the simulator's names, which has its Coulomb torque at rest."""
-    values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name != "torque_gain"}
+    values = {name: getattr(network, field) for field, name in PARAMETER_OF_FIELD.items() if name not in DERIVED}
     if "stribeck" in held:
         values["coulomb_torque"] /= 1.0 - held["stribeck"]["drop"]
     texts = {
@@ -231,6 +234,8 @@ def _written(network: NortonNetwork, before: dict[str, Any], held: dict[str, Any
         gain = network.torque_gain / parse_quantity(constant, "N*m/A")
     if "saturation" in held:  # until here with the command at which the share is less
         held["saturation"]["current"] = f"{gain * held['saturation']['current']:.12g} A"
+    if network.torque_limit_nm is not None:
+        texts["current_limit"] = f"{network.torque_limit_nm * gain / network.torque_gain:.12g} A"
     return {**texts, AMPLIFIER_GAIN: _text(AMPLIFIER_GAIN, gain, network)}
 
 

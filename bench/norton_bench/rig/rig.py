@@ -6,6 +6,7 @@ from math import inf
 from typing import Any
 
 from norton_bench.records import Chain
+from norton_drivers.servo import Servo
 from norton_drivers.wiring import Wiring
 
 NO_MODEL = "none"  # what a rig calls an actuator that is identified by tables alone
@@ -80,6 +81,11 @@ class Rig:
         return self.model != NO_MODEL
 
     @property
+    def servo(self) -> Servo | None:
+        """The actuator's own position loop, where its command is a position."""
+        return self.wiring.actuator.servo
+
+    @property
     def tick_ns(self) -> int:
         return self.wiring.tick_ns
 
@@ -94,4 +100,5 @@ class Rig:
         return Chain(
             0.0 if sensor is None else float(sensor.options.get("averaging", 0.0)),
             frozenset(device.role for device in self.wiring.devices() if device.released_at_zero),
+            self.servo,
         )

@@ -18,6 +18,7 @@ from norton_bench.identification.ladder import bench_ladder
 from norton_bench.identification.model_error import of_ladder
 from norton_bench.identification.residual_tests import diagnose
 from norton_bench.identification.results import FitResult, LiveEstimate
+from norton_bench.identification.servo_conditions import servo_conditions
 from norton_bench.identification.source_map import PortTorque, blocked_map, source_map
 from norton_bench.identification.validation import validate_signals
 from norton_bench.identification.without_model import without_model
@@ -136,7 +137,9 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    static = _where_measured(partial(source_map, port=port), data.measured)
+    servo = result.network.servo
+    # A servo's source is an angle: it has no free velocity to map.
+    static = None if servo else _where_measured(partial(source_map, port=port), data.measured)
     evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         so_far,
@@ -146,7 +149,7 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
         model_error=error,
         without_model=modelless,
         residuals=diagnose(result, stretches),
-        conditions=conditions(evidence),
+        conditions=servo_conditions(result.network, evidence) if servo else conditions(evidence),
         ladder=rungs,
         network_file=_saved(result, network_file, so_far.metadata),
     )

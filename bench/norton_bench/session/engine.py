@@ -1,9 +1,10 @@
 """A session from beginning to end: check, open the devices, run the steps, close the recording, fit."""
 
+import json
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -60,6 +61,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "tick_s": repr(rig.tick_s),
         "torque_averaging_s": repr(rig.chain.torque_averaging_s),
         "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
+        **({} if rig.servo is None else {"servo": json.dumps(asdict(rig.servo))}),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "devices": "; ".join(
             " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))

@@ -35,6 +35,8 @@ __all__ = [
 
 # Every procedure that is not adaptive and measures what the fit of a motor needs.
 STANDARD = ("tare", "calibrate", "free", "blocked", "imposed", "validate")
+# The same for a servo: held at other places, it shows in `imposed` what a motor shows in `blocked`.
+SERVO = ("tare", "calibrate", "free", "imposed", "validate")
 # The same for an actuator without a model.
 TABLES = ("tare", "calibrate", "tabulate_source", "tabulate_impedance")
 # Run at several modulations where the rig has a modulator.
@@ -141,7 +143,7 @@ def standard_session(rig: Rig | None = None) -> Session:
     if rig is None:
         able = STANDARD
     else:
-        wanted = STANDARD if rig.modelled else TABLES
+        wanted = TABLES if not rig.modelled else STANDARD if rig.servo is None else SERVO
         able = tuple(name for name in (*wanted, "in_situ") if _performs(rig, name))
     modulations = () if rig is None or rig.modulation is None else _spread(rig.modulation)
     steps = (Step(name, STEPS[name](), modulations=modulations if name in MODULATED else ()) for name in able)

@@ -21,6 +21,10 @@ POSITION_CODES = 1 << 16
 VELOCITY_CODES = 1 << 12
 _LAST_POSITION = POSITION_CODES - 1
 _LAST_SHORT = VELOCITY_CODES - 1
+STIFFNESS_MAX_NM_RAD, DAMPING_MAX_NMS_RAD = (
+    500.0,
+    5.0,
+)  # what their codes reach: can.c
 _COMMAND_LENGTH = 8
 _REPLY_LENGTHS = (6, 7, 8)
 _SPECIAL = b"\xff" * 7
@@ -91,6 +95,17 @@ class Ranges:
         """The torque that the drive makes of a code in a command."""
         return code * self.torque_step_nm - self.torque_nm
 
+    def goal_code(self, position_rad: float) -> int:
+        """The nearest code, held within the range. Raises CodecError for no number."""
+        if not isfinite(position_rad):
+            raise CodecError("position: not a finite number")
+        held_rad = min(max(position_rad, -self.position_rad), self.position_rad)
+        return min(round((held_rad + self.position_rad) / self.position_step_rad), _LAST_POSITION)
+
+    def commanded_rad(self, code: int) -> float:
+        """The position that the drive makes of a code in a command."""
+        return code * self.position_step_rad - self.position_rad
+
     def position_of(self, code: int) -> float:
         """The position [rad] of a code in a reply, also of one that was unwrapped."""
         return (code + 0.5) * self.position_step_rad - self.position_rad
@@ -111,11 +126,65 @@ def command_value(torque_code: int) -> bytes:
     return packed.to_bytes(_COMMAND_LENGTH, "big")
 
 
+def goal_value(position_code: int, stiffness_code: int, damping_code: int, torque_code: int) -> bytes:
+    """A command of a position with gains, and a torque beside them; the velocity is near zero."""
+    packed = position_code << 48 | (_LAST_SHORT // 2) << 36 | stiffness_code << 24 | damping_code << 12 | torque_code
+    return packed.to_bytes(_COMMAND_LENGTH, "big")
+
+
 def torque_code_of(data: bytes | bytearray) -> int:
     """The torque in a command. Raises CodecError for one cut short."""
     if len(data) < _COMMAND_LENGTH:
         raise CodecError(f"command: {len(data)} bytes where {_COMMAND_LENGTH} are needed")
     return (data[6] & 0xF) << 8 | data[7]
+
+
+def stiffness_code(stiffness_nm_rad: float) -> int:
+    """The nearest code, held within what can be sent."""
+    return _gain_code(stiffness_nm_rad / STIFFNESS_MAX_NM_RAD)
+
+
+def damping_code(damping_nms_rad: float) -> int:
+    """The nearest code, held within what can be sent."""
+    return _gain_code(damping_nms_rad / DAMPING_MAX_NMS_RAD)
+
+
+def _gain_code(share: float) -> int:
+    return min(max(round(share * _LAST_SHORT), 0), _LAST_SHORT)
+
+
+def stiffness_of(code: int) -> float:
+    """The stiffness [N m/rad] that the drive makes of a code."""
+    return code * STIFFNESS_MAX_NM_RAD / _LAST_SHORT
+
+
+def damping_of(code: int) -> float:
+    """The damping [N m s/rad] that the drive makes of a code."""
+    return code * DAMPING_MAX_NMS_RAD / _LAST_SHORT
+
+
+class Goal(NamedTuple):
+    """A command as the drive reads it: torque = stiffness · (position − θ) + damping · (velocity − ω) + torque."""
+
+    position_rad: float
+    velocity_rad_s: float
+    stiffness_nm_rad: float
+    damping_nms_rad: float
+    torque_nm: float
+
+    @classmethod
+    def decode(cls, data: bytes | bytearray, ranges: Ranges) -> Self:
+        """Raises CodecError for one cut short."""
+        torque_nm = ranges.commanded_nm(torque_code_of(data))
+        packed = int.from_bytes(data[:_COMMAND_LENGTH], "big")
+        velocity, stiffness, damping = (packed >> shift & _LAST_SHORT for shift in (36, 24, 12))
+        return cls(
+            ranges.commanded_rad(packed >> 48),
+            velocity * ranges.velocity_step_rad_s - ranges.velocity_rad_s,
+            stiffness_of(stiffness),
+            damping_of(damping),
+            torque_nm,
+        )
 
 
 class Reply(NamedTuple):

@@ -2,18 +2,21 @@
 
 Source: bgkatz/motorcontrol: stm32f4xx_it.c (every frame is answered before it is obeyed; special frames do not feed the
 timeout), fsm.c (a timeout zeroes the command and leaves the motor enabled; the motor is enabled with the command that
-was stored last, and zeroed only while it is not), can.c (codes that wrap); CubeMars, AK Series Actuator Driver Manual
-V1.0.8 (temperature and error at the end of a reply). What its position does beyond its range is the rig's to say. The
-gains of a command are not emulated: this bench sends none.
+was stored last, and zeroed only while it is not), can.c (codes that wrap), foc.c (``torque_control``: the position
+loop), position_sensor.c (velocity from two positions); CubeMars, AK Series Actuator Driver Manual V1.0.8 (temperature
+and error at the end of a reply). What its position does beyond its range is the rig's to say. The gains of a command
+are emulated where the rig's commands are positions: at the period and with the window that its options name, from the
+encoder's counts, up to the amplifier's greatest current.
 """
 
+from collections import deque
 from typing import cast
 
 import can
 
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.codecs.mit import Goal, Reply, Special
 from norton_drivers.mit import MitOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
@@ -21,6 +24,7 @@ from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
 TOO_HOT = 1
+RELEASED = Goal(0.0, 0.0, 0.0, 0.0, 0.0)
 ERRORS = {DriveFault.FAULT: 2, DriveFault.UNDERVOLTAGE: 4, DriveFault.OVER_TEMPERATURE: TOO_HOT}
 
 
@@ -35,15 +39,22 @@ class MitMotor:
         self._world = context.world
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
-        self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain
+        servo = self._options.servo
+        # The plant's amplifier is told of in amperes per unit of the rig's command: there, a radian of error.
+        self._nm_per_unit = 1.0 if servo is None else servo.stiffness_nm_rad
+        self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._armed = False
         self._zero_rad = 0.0
-        self._command_nm = 0.0
+        self._places = deque[float]()  # that its velocity is taken from, the oldest first; none without a loop
+        self._window_s = 0.0
+        self._goal = RELEASED
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
         self._connector = context.can_connector()
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
+        if servo is not None:
+            self._start_loop(context, options)
 
     @property
     def armed(self) -> bool:
@@ -84,23 +95,27 @@ class MitMotor:
         special = protocol.special_of(message.data)
         try:
             if special is None:
-                self._obey(self._ranges.commanded_nm(protocol.torque_code_of(message.data)))
+                self._obey(Goal.decode(message.data, self._ranges))
             else:
                 self._do(special)
         except CodecError:
             return  # cut short
 
-    def _obey(self, torque_nm: float) -> None:
-        self._command_nm = torque_nm
+    def _obey(self, goal: Goal) -> None:
+        self._goal = goal
         self._commanded_ns = self._world.now_ns
-        if self._armed:
-            self._plant.command(self._machine, torque_nm)
+        if self._armed and not self._loops:
+            self._push(goal.torque_nm)
+
+    def _push(self, torque_nm: float) -> None:
+        self._plant.command(self._machine, torque_nm / self._nm_per_unit)
 
     def _do(self, special: Special) -> None:
         match special:
             case Special.ENABLE if not self._armed:
                 self.error, self._armed = protocol.NO_ERROR, True
-                self._plant.command(self._machine, self._command_nm)
+                if not self._loops:
+                    self._push(self._goal.torque_nm)
             case Special.DISABLE:
                 self._disarm()
             case Special.ZERO if not self._armed:
@@ -108,19 +123,44 @@ class MitMotor:
 
     # ---- what it does by itself ----
 
+    def _start_loop(self, context: DeviceContext, options: MitOptions) -> None:
+        period_ns = round(options.loop_period_s * 1e9)
+        places = max(1, round(options.velocity_window_s / options.loop_period_s))
+        self._places = deque([self._plant.encoder_position_rad(self._machine)] * (places + 1), maxlen=places + 1)
+        self._window_s = places * options.loop_period_s
+        context.cyclic(period_ns, self._hold)
+
+    @property
+    def _loops(self) -> bool:
+        """Whether it works out a position loop."""
+        return bool(self._places)
+
+    def _hold(self, _stamp_ns: int) -> None:
+        """One cycle of torque_control, with the velocity of ps_sample."""
+        position_rad, goal, places = self._plant.encoder_position_rad(self._machine), self._goal, self._places
+        places.append(position_rad)
+        if not self._armed:
+            return
+        velocity_rad_s = (position_rad - places[0]) / self._window_s
+        self._push(
+            goal.stiffness_nm_rad * (goal.position_rad - (position_rad - self._zero_rad))
+            + goal.damping_nms_rad * (goal.velocity_rad_s - velocity_rad_s)
+            + goal.torque_nm
+        )
+
     def _look(self, stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)
         if self.heating.too_hot:
             self._stop_with(TOO_HOT)
         timeout_ns = round(self._options.watchdog_s * 1e9)
         if self._armed and timeout_ns and stamp_ns - self._commanded_ns > timeout_ns:
-            self._command_nm = 0.0
-            self._plant.command(self._machine, 0.0)
+            self._goal = RELEASED
+            self._push(0.0)
 
     def _stop_with(self, error: int) -> None:
         self.error = error
         self._disarm()
 
     def _disarm(self) -> None:
-        self._armed, self._command_nm = False, 0.0
+        self._armed, self._goal = False, RELEASED
         self._plant.release(self._machine)

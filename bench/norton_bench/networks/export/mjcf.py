@@ -18,6 +18,7 @@ from xml.sax.saxutils import quoteattr
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
+from norton_bench.networks.export.mjcf_servo import following_costs, slow_servo
 from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.left_out import (
@@ -28,6 +29,7 @@ from norton_bench.networks.left_out import (
 )
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.operator import Operator
+from norton_drivers.servo import Servo
 
 TIMESTEP_S = 5e-4
 # MuJoCo's friction gives way within this many steps; fewer than two it does not allow.
@@ -44,6 +46,7 @@ NO_BACK_EMF = 'motorconst="1e-9" resistance="1e9" input="none"'
 class _Joint:
     """What MJCF can say of an actuator; ``lag_s`` of zero is no lag.
 
+    ``loop`` is a servo's damping and its greatest torque, 0 where nobody knows; the gain is then its stiffness.
     ``drag`` is in N m s²/rad². ``contact`` are dcmotor's ``lugre``: σ0, σ1, sliding friction, friction at rest, and
     Stribeck's velocity. ``waves`` are rows of periods a turn and the torques that go with cosine and sine.
     """
@@ -58,6 +61,7 @@ class _Joint:
     contact: tuple[float, ...] = ()
     waves: tuple[tuple[float, ...], ...] = ()
     timestep_s: float = TIMESTEP_S
+    loop: tuple[float, float] | None = None
 
 
 def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> ExportedModel:
@@ -66,6 +70,10 @@ def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> Export
     Raises UsageError, in a sentence, for a network that a joint and an actuator of MuJoCo's cannot be.
     """
     match network:
+        case NortonNetwork(servo=Servo() as servo):
+            if dcmotor:
+                raise UsageError("MuJoCo's dcmotor takes no goals; export a servo --to mujoco")
+            joint, left_out = _servo(network, servo)
         case NortonNetwork():
             joint, left_out = _dcmotor(network) if dcmotor else _motor(network)
         case LinearNetwork() if not dcmotor:
@@ -94,6 +102,27 @@ def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
     )
     presliding = f"{presliding_sentence(network)} The form mujoco-dcmotor keeps it."
     return joint, (presliding, *term_sentences(network, tuple(TERM_BY_NAME)))
+
+
+def _servo(network: NortonNetwork, servo: Servo) -> tuple[_Joint, tuple[str, ...]]:
+    slow = slow_servo(network, servo)
+    joint = _Joint(
+        slow.stiffness,
+        1.0 / network.amplifier_bandwidth_rad_s,
+        slow.inertia,
+        network.viscous_damping_nms_rad,
+        friction=network.coulomb_torque_nm,
+        loop=(slow.damping, network.torque_limit_nm or 0.0),
+    )
+    sentence = (
+        f"The servo's loop acts at once here: kv = {slow.damping:.4g} N m s/rad and an inertia of {slow.inertia:.4g} "
+        f"kg m², instead of {network.inertia_kgm2:.4g}, stand for what its delay and the amplifier's lag do to slow "
+        f"motion. Presliding is left out. Together that costs {following_costs(network, slow)}."
+    )
+    unlimited = "" if network.torque_limit_nm else "The actuator has no forcerange: the servo's limit was not reached."
+    names = tuple(dict.fromkeys(term.name for term in network.terms))
+    terms = f"Terms are left out: {', '.join(names)}." if names else ""
+    return joint, tuple(filter(None, (sentence, unlimited, terms)))
 
 
 def _dcmotor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
@@ -145,7 +174,6 @@ def _gain_and_lag(source: Operator) -> tuple[float, float]:
 
 def _model(joint: _Joint, name: str, left_out: tuple[str, ...]) -> str:
     body = BODY_SHARE * joint.inertia
-    dynamics = f' dyntype="filterexact" dynprm="{joint.lag_s!r}"' if joint.lag_s else ""
     drag = f" {joint.drag!r}" if joint.drag else ""
     # Implicit steps take the contact's derivatives amiss; Euler's are implicit in the joint's damping alone.
     integrator = "Euler" if joint.contact else "implicitfast"
@@ -164,13 +192,23 @@ def _model(joint: _Joint, name: str, left_out: tuple[str, ...]) -> str:
         "    </body>",
         "  </worldbody>",
         "  <actuator>",
-        f'    <general name="command" joint="port" gainprm="{joint.gain!r}"{dynamics}/>',
+        _actuator(joint),
         *_dcmotors(joint),
         "  </actuator>",
         "</mujoco>",
         "",
     ]
     return "\n".join(lines)
+
+
+def _actuator(joint: _Joint) -> str:
+    if joint.loop is not None:
+        damping, most = joint.loop
+        limit = f' forcerange="{-most!r} {most!r}"' if most else ""
+        gains = f'kp="{joint.gain!r}" kv="{damping!r}" timeconst="{joint.lag_s!r}"'
+        return f'    <position name="command" joint="port" {gains}{limit}/>'
+    dynamics = f' dyntype="filterexact" dynprm="{joint.lag_s!r}"' if joint.lag_s else ""
+    return f'    <general name="command" joint="port" gainprm="{joint.gain!r}"{dynamics}/>'
 
 
 def _springs(joint: _Joint) -> str:

@@ -1,0 +1,67 @@
+"""What a servo takes off its command: the angle of its shaft, and the velocity by two angles."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.arrays import BoolArray, FloatArray
+from norton_bench.identification import loops
+from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.shape import GAIN, INERTIA, VISCOUS
+from norton_drivers.servo import Servo
+
+# Beyond this share of its limit, as the drive has it, a servo counts as at its limit: its scale is off by a few per
+# cent, and the angle by counts.
+NEAR_LIMIT = 0.85
+
+
+def fed_back(servo: Servo, angle_later_by: Callable[[float], FloatArray]) -> FloatArray:
+    """Of an angle that it is given as so much later [s], shape (n,): in the unit of its command, rad."""
+    now = angle_later_by(servo.delay_s)
+    before = angle_later_by(servo.delay_s + servo.window_s)
+    return now + servo.lead_s / servo.window_s * (now - before)
+
+
+def fed_back_at(servo: Servo, time_s: FloatArray, angle_rad: FloatArray, at_s: FloatArray) -> FloatArray:
+    """The same at any instants (m,), of an angle (n,) that is straight between samples at ``time_s`` (n,)."""
+    return fed_back(servo, lambda late_s: np.asarray(np.interp(at_s - late_s, time_s, angle_rad)))
+
+
+def near_limit(
+    servo: Servo, sent_s: FloatArray, command_rad: FloatArray, time_s: FloatArray, angle_rad: FloatArray
+) -> BoolArray:
+    """At which of the instants ``time_s`` (n,) the servo asks for so much torque that its limit may hold it, with the
+    commands (m,) that were sent."""
+    held = np.clip(np.searchsorted(sent_s, time_s, side="right") - 1, 0, None)
+    error_rad = command_rad[held] - fed_back_at(servo, time_s, angle_rad, time_s)
+    return np.asarray(np.abs(error_rad) > NEAR_LIMIT * servo.greatest_rad)
+
+
+def response(servo: Servo, bandwidth_rad_s: float, omega_rad_s: FloatArray) -> npt.NDArray[np.complex128]:
+    """Behind the amplifier's lag, of a sine of the angle at these frequencies (n,)."""
+
+    def turned(late_s: float) -> npt.NDArray[np.complex128]:
+        return np.asarray(np.exp(-1j * omega_rad_s * late_s))
+
+    ahead = servo.lead_s / servo.window_s * (1.0 - turned(servo.window_s))
+    return np.asarray(turned(servo.delay_s) * (1.0 + ahead) / (1.0 + 1j * omega_rad_s / bandwidth_rad_s))
+
+
+def position_errors(servo: Servo, bandwidth_rad_s: float, kernel: Kernel, tick_s: float) -> FloatArray:
+    """What errors of the angle of density 1 [rad²/Hz, two-sided] add to the products of two of the regression's columns
+    (5, 5), each through ``kernel``: those of gain, inertia and viscous damping have them."""
+    frequency, power = kernel.spectrum()
+    omega_rad_s = 2 * np.pi * frequency / tick_s
+    errors = np.zeros((5, frequency.size), dtype=np.complex128)
+    errors[GAIN] = -response(servo, bandwidth_rad_s, omega_rad_s)
+    errors[INERTIA], errors[VISCOUS] = omega_rad_s**2, -1j * omega_rad_s
+    weighted = errors * power * (frequency[1] - frequency[0]) / tick_s
+    return np.asarray(2.0 * (weighted @ errors.conj().T).real)
+
+
+def lag_of_place(servo: Servo, bandwidth_rad_s: float, angle_rad: FloatArray, step_s: float) -> FloatArray:
+    """Behind the amplifier's lag, of an angle (n,) every ``step_s``; between samples as in :func:`fed_back_at`."""
+    lag = loops.lag_of(angle_rad, bandwidth_rad_s * step_s)
+    time_s = np.asarray(np.arange(angle_rad.size) * step_s, dtype=np.float64)
+    return fed_back_at(servo, time_s, lag, time_s)

@@ -1,0 +1,76 @@
+"""A servo's loop in a network: what it asks of its amplifier, from where the shaft was; compiled.
+
+The angle counts as it was a delay ago, and the velocity comes from two angles a window apart (norton_drivers.servo).
+"""
+
+import numpy as np
+from numba import njit
+
+from norton_bench.arrays import FloatArray
+
+
+@njit(cache=True, nogil=True)
+def asked(command: float, angle: float, earlier: float, lead: float, window: float, limit: float) -> float:
+    """What the amplifier is asked for [rad of error]; ``earlier`` is the angle a ``window`` before ``angle``."""
+    error = command - angle - lead / window * (angle - earlier)
+    return float(min(max(error, -limit), limit))
+
+
+@njit(cache=True, nogil=True)
+def moving_evenly(size: int, position: float, step: float) -> FloatArray:
+    """A ring of angles whose first is ``position``, after a motion by the same ``step`` each."""
+    ring = np.empty(size)
+    for k in range(size):
+        ring[-k % size] = position - k * step
+    return ring
+
+
+@njit(cache=True, nogil=True)
+def before(history: FloatArray, newest: int, position: float, velocity: float, steps: float, step_s: float) -> float:
+    """The angle so many ``steps`` ago, straight between those of ``history``, a ring whose ``newest`` is ``position``;
+    a part of a step ahead where that is negative."""
+    if steps <= 0.0:
+        return position - velocity * steps * step_s
+    whole = min(int(steps), history.size - 2)
+    later = history[(newest - whole) % history.size]
+    return float(later + (steps - whole) * (history[(newest - whole - 1) % history.size] - later))
+
+
+@njit(cache=True, nogil=True)
+def between(values: FloatArray, at: float) -> float:
+    """A signal at any place between its samples (n,), by the cubic through four of them; the ends are held."""
+    last = values.size - 1
+    place = min(max(at, 0.0), float(last))
+    k = min(int(place), last - 1)
+    x = place - k
+    a, b, c, d = values[max(k - 1, 0)], values[k], values[k + 1], values[min(k + 2, last)]
+    cubic = 2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a)
+    return float(b + 0.5 * x * (c - a + x * cubic))
+
+
+@njit(cache=True, nogil=True)
+def lagged(
+    command: FloatArray,
+    position: FloatArray,
+    bandwidth: float,
+    tick_s: float,
+    substeps: int,
+    loop: tuple[float, float, float, float],
+    start: float,
+) -> FloatArray:
+    """Behind the amplifier's lag, at every tick (n,), of a motion known at the ticks; the command is held.
+
+    ``loop`` is lead, delay and window [s], and limit [rad]; ``start`` the lag at the first tick.
+    """
+    lead, delay, window, limit = loop
+    output, state = np.empty(command.size), start
+    decay = np.exp(-bandwidth * tick_s / substeps)
+    for k in range(command.size):
+        output[k] = state
+        for step in range(substeps):
+            at = k + (step + 0.5) / substeps - delay / tick_s
+            error = asked(
+                command[k], between(position, at), between(position, at - window / tick_s), lead, window, limit
+            )
+            state = error + (state - error) * decay
+    return output

@@ -1,0 +1,90 @@
+"""The emulated position loop of an actuator in MIT mode, against the arithmetic of its firmware (foc.c)."""
+
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from norton_bench.rig.load import load_rig
+from norton_drivers.codecs import mit as protocol
+from norton_drivers.codecs.mit import Ranges, Special
+from norton_drivers.registry import load_backend
+
+MS = 1_000_000
+RIG = Path(__file__).parents[2] / "rigs" / "sim-servo.toml"
+RANGES = Ranges(3.2, 50.0, 2.0)
+KP, KD = 16 * 500 / 4095, 18 * 5 / 4095  # what a frame makes of 2 N m/rad and 0.022 N m s/rad
+AMPERES_PER_NM = 35.16 / KP
+LIMIT_A = 8.0
+
+
+@pytest.fixture
+def bench():
+    rig = load_rig(RIG)
+    backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=1, place=rig.place)
+    yield backend
+    backend.close()
+
+
+class Host:
+    def __init__(self, backend) -> None:
+        self.world, self.plant = backend.world, backend.world.plant
+        self.bus = backend.open_can(load_rig(RIG).wiring.buses[0]).bus
+
+    def send(self, data: bytes) -> None:
+        self.bus.send(can.Message(arbitration_id=1, data=data, is_extended_id=False))
+
+    def wait(self, ms: float) -> None:
+        self.world.advance(self.world.now_ns + round(ms * MS))
+
+    def goal(self, position_rad: float, ms: int) -> None:
+        for _ in range(ms // 10):
+            self.send(protocol.goal_value(RANGES.goal_code(position_rad), 16, 18, RANGES.command_code(0.0)))
+            self.wait(10)
+
+
+def test_at_rest_the_current_is_that_of_kp_times_the_error(bench):
+    host = Host(bench)
+    host.plant.jam("actuator")
+    host.goal(0.1, 10)
+    host.send(Special.ENABLE.encode())
+    host.goal(0.1, 50)
+    # The codes of torque and velocity cannot be exactly zero: half a step of each stays.
+    held_nm = KP * RANGES.commanded_rad(RANGES.goal_code(0.1)) + RANGES.commanded_nm(RANGES.command_code(0.0))
+    held_nm -= KD * 0.5 * RANGES.velocity_step_rad_s
+    assert host.plant.true_current_a("actuator") == pytest.approx(AMPERES_PER_NM * held_nm, abs=2e-3)
+
+
+def test_the_current_has_a_limit(bench):
+    host = Host(bench)
+    host.plant.jam("actuator")
+    host.send(Special.ENABLE.encode())
+    host.goal(-1.0, 50)
+    assert host.plant.true_current_a("actuator") == pytest.approx(-LIMIT_A, rel=1e-6)
+
+
+def test_a_free_shaft_goes_to_its_goal_and_rests_within_friction(bench):
+    host = Host(bench)
+    host.send(Special.ENABLE.encode())
+    for goal in np.linspace(0.0, 0.5, 20):
+        host.goal(float(goal), 20)
+    host.goal(0.5, 300)
+    # Both machines' friction, over the stiffness of the loop.
+    assert host.plant.true_position_rad("actuator") == pytest.approx(0.5, abs=(0.02 + 0.008) / (0.05 * 35.16))
+
+
+def test_a_timeout_lets_go_of_the_shaft(bench):
+    host = Host(bench)
+    host.plant.jam("actuator")
+    host.send(Special.ENABLE.encode())
+    host.goal(0.1, 20)
+    assert host.plant.true_current_a("actuator") > 1.0
+    host.wait(400)
+    assert host.plant.true_current_a("actuator") == pytest.approx(0.0, abs=1e-3)
+
+
+def test_without_an_enable_nothing_is_held(bench):
+    host = Host(bench)
+    host.goal(0.2, 50)
+    assert host.plant.true_current_a("actuator") == 0.0
