@@ -15,6 +15,7 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
+from norton_bench.logs.motion import Motion
 from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
     ErrorFigures,
@@ -82,7 +83,8 @@ def _parts(
     column_map: ColumnMap, problem: Problem, fit: FrictionFit, index: int, stretch: Stretch, chosen: BoolArray
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Logged and simulated position of every uninterrupted part of a stretch."""
-    motion = problem.terms[index].motion
+    # As logged: what was moved in time is no motion to start from.
+    motion = Motion.of(stretch, problem.filters)
     # The filters' ends give no velocity to start with.
     chosen = chosen & (np.arange(chosen.size) >= problem.filters.margin)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
