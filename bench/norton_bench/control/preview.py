@@ -13,8 +13,8 @@ from numba import njit
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.models.drawn_motor import damping_nm, held_nm, resistance_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import damping_nm, held_nm, resistance_nm
 from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment
 
 # Predicted while the drives are enabled and wait: coarse steps, for the network is known to a per cent at most.

@@ -17,9 +17,10 @@ from math import inf, isfinite, log
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.drawn_motor import BISECTIONS, Motor, drawn, estimate_of, over
+from norton_bench.models.drawn_motor import Motor, drawn, estimate_of, over
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
+from norton_bench.models.sliding import BISECTIONS
 
 Interval = tuple[float, float]
 

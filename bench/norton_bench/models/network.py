@@ -19,6 +19,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
+from norton_bench.models import sliding
 from norton_bench.models.network_file import as_object, read_json, read_matrix, read_prediction, read_term
 from norton_bench.models.parameters import BY_NAME, PredictionError
 from norton_bench.models.servo_file import servo_as_json, servo_from_json
@@ -121,9 +122,7 @@ class NortonNetwork:
     def thresholds(self) -> tuple[float, float]:
         """The commands, lower and upper, at which a shaft at rest begins to move; what changes with the position is
         taken at its mean."""
-        from norton_bench.models.drawn_motor import thresholds  # noqa: PLC0415  (which takes networks)
-
-        return thresholds(self)
+        return sliding.thresholds(self)
 
     def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
         """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
@@ -133,9 +132,7 @@ class NortonNetwork:
         Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
         not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
         """
-        from norton_bench.models.drawn_motor import source_velocity  # noqa: PLC0415  (which takes networks)
-
-        return source_velocity(self, command)
+        return sliding.source_velocity(self, command)
 
     def free_motion(
         self,

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from norton_bench.models.drawn_motor import command_shown, falling, greatest_friction_nm
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.servo_source import SETTLED, settling_in_words, still_to_come, zero_in_words
+from norton_bench.models.sliding import command_shown, falling, greatest_friction_nm
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.equation_checks import conditions_of_equations
 from norton_bench.networks.family import Network

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.drawn_motor import command_shown
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import command_shown
 from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm, joint_of
 
 PERIODS = 10

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
-from norton_bench.models.drawn_motor import command_shown, port_torque_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import command_shown, port_torque_nm
 from norton_bench.networks.family import Network, commands_of, form_of, kind_of
 from norton_bench.networks.kinds import Form
 from norton_bench.networks.linear import LinearNetwork

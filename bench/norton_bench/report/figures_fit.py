@@ -12,9 +12,9 @@ from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.residual_tests import Dependence, Memory, ResidualTests
 from norton_bench.identification.results import FitResult, LiveEstimate, Trace
 from norton_bench.identification.without_model import StopOperator
-from norton_bench.models.drawn_motor import port_torque_nm
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.sliding import port_torque_nm
 from norton_bench.models.terms import TERM_PARAMETERS
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.records import Table

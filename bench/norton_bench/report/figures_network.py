@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.branches import TAILS
 from norton_bench.identification.results import BlockedMap, SourceMap, Trace
-from norton_bench.models.drawn_motor import command_shown, drive_nm, held_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import command_shown, drive_nm, held_nm
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, figure, thinned
 from norton_bench.report.words import pretty_unit

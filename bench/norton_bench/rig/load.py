@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from norton_bench.errors import RigError, UsageError
-from norton_bench.models.drawn_motor import command_shown
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork
 from norton_bench.models.parameters import BY_NAME
+from norton_bench.models.sliding import command_shown
 from norton_bench.models.terms import LIGHTEST_OUTPUT, Factor, NetworkTerm, waves_of
 from norton_bench.networks.left_out import cost_percent, standard_motion, term_sentences
 from norton_bench.rig.draft import Draft, check, read_draft

@@ -22,7 +22,7 @@ from norton_bench.guard.check import (
 )
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import BenchLoop, Learned
-from norton_bench.models.drawn_motor import damping_nm, greatest_friction_nm
+from norton_bench.models.sliding import damping_nm, greatest_friction_nm
 from norton_bench.procedures.calibrate import known_well_enough
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
 from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Reducing, Reporting, carry_out, follow

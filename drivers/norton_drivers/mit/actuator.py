@@ -13,7 +13,6 @@ over 19 cycles of 25 µs); neurobionics/TMotorCANControl, mit_can.py (CubeMars' 
 from collections.abc import Callable
 from contextlib import suppress
 from math import nan
-from typing import TYPE_CHECKING
 
 import can
 
@@ -24,13 +23,11 @@ from norton_drivers.codecs.mit import Reply, Special
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.mit.goals import Goals
+from norton_drivers.mit.options import MitOptions
 from norton_drivers.mit.replies import MitShaft, OutOfRangeError
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from norton_drivers.wiring import DeviceSettings
-
-if TYPE_CHECKING:
-    from norton_drivers.mit.drive import MitOptions
 
 SILENT_NS = 150_000_000
 QUESTION_PERIOD_NS = 10_000_000
@@ -44,7 +41,7 @@ class MitActuator(CanDrive):
 
     heartbeat_timeout_ns = SILENT_NS
 
-    def __init__(self, settings: DeviceSettings, options: "MitOptions", port: CanPort, link: Link) -> None:
+    def __init__(self, settings: DeviceSettings, options: MitOptions, port: CanPort, link: Link) -> None:
         super().__init__(settings)
         self.options = options
         self.malformed = 0

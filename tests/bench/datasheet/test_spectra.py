@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from norton_bench.datasheet.spectra import Piece, Spectra, Transfer, impedance_line, spectra, torque_line
-from norton_bench.models.drawn_motor import resistance_nm
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import resistance_nm
 from norton_bench.models.terms import NetworkTerm
 
 TICK_S, COUNT = 1e-3, 40_000

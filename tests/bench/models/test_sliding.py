@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.models.drawn_motor import (
+from norton_bench.models.network import NortonNetwork
+from norton_bench.models.sliding import (
     command_shown,
     drive_nm,
     falling,
@@ -14,7 +15,6 @@ from norton_bench.models.drawn_motor import (
     port_torque_nm,
     resistance_nm,
 )
-from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import NetworkTerm
 
 MOTOR = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
