@@ -113,6 +113,9 @@ LACKS |= dict.fromkeys(product(TABULATE, [*WITH_LOAD, *BY_TABLES]), "")
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-free-shaft"]), "'calibrate' needs a load drive")
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-in-situ"]), "'calibrate' needs a torque sensor")
 LACKS |= dict.fromkeys(product(["in-situ"], BY_TABLES), "")
+LACKS |= dict.fromkeys(product((*SESSIONS, "in-situ"), ["sim-servo"]), "the command of this actuator is a position")
+LACKS["quick", "sim-servo"] = "'imposed' asks for 20 rad/s"
+LACKS |= dict.fromkeys(product(TABULATE, ["sim-servo"]), "")
 
 
 def test_every_session_and_rig_that_is_shipped_is_looked_at() -> None:

@@ -243,24 +243,23 @@ def _stretch(
     time_s = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
     fine_s = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
     torque = streams.get("torque")
-    ticks = measured.ticks
-    sent_s = sent_at_s(ticks, origin_ns)
+    sent_s = sent_at_s(measured.ticks, origin_ns)
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
-    command = np.ascontiguousarray(ticks[column][chosen])
+    sent_s, command = sent_s[chosen], np.ascontiguousarray(measured.ticks[column][chosen])
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
     servo = measured.chain.servo if port is Port.ACTUATOR else None
     if servo is not None:
-        place = streams["path"].at(time_s)
-        usable &= ~_lasting(near_limit(servo, sent_s[chosen], command, time_s, place), LIMIT_LASTS_TICKS)
+        limited = near_limit(servo, sent_s, command, time_s, streams["path"].at(time_s))
+        usable &= ~_lasting(limited, LIMIT_LASTS_TICKS)
     return Signals(
         tick_s=tick_s,
         origin_ns=origin_ns,
         time_s=time_s,
         position_rad=streams["position"].at(fine_s),
         path_rad=streams["path"].at(fine_s),
-        sent_s=np.ascontiguousarray(sent_s[chosen]),
+        sent_s=np.ascontiguousarray(sent_s),
         command=command,
         segment=segment,
         usable=usable,

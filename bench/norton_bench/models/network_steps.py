@@ -164,17 +164,16 @@ def free_motion(
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
 
     Command and port torque are held from tick to tick. ``motor_parameters`` are gain, bandwidth, inertia, viscous
-    damping, s = σ0/τc, σ0 and σ1. ``row`` and ``waves`` are those of the network's terms, whose
-    factors and torque hold through a step. ``start`` is position, velocity, motor torque and Dahl state before the
-    first command acts. A ``servo`` has its ``loop``: lead, delay and window [s], and limit [rad].
+    damping, s = σ0/τc, σ0 and σ1. ``row`` and ``waves`` are those of the network's terms, whose factors and torque hold
+    through a step. ``start`` is position, velocity, motor torque and Dahl state before the first command acts. A
+    ``servo`` has its ``loop``: lead, delay and window [s], and limit [rad].
     """
     torque_gain, bandwidth, inertia, viscous, s, sigma_0, sigma_1 = motor_parameters
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
     mean_decay = (1.0 - decay) / (bandwidth * step_s)
     position, velocity, motor, phi = start
-    lead, delay, window, limit = loop
-    history, newest = servo_steps.moving_evenly(int((delay + window) / step_s) + 3, position, velocity * step_s), 0
+    history, newest = servo_steps.moving_evenly(int((loop[1] + loop[2]) / step_s) + 3, position, velocity * step_s), 0
     motion = np.empty((3, command.size))
     if command.size:  # no contact holds more than its strength
         most = strength(row, velocity, position, port[0]) / s
@@ -188,11 +187,8 @@ def free_motion(
         motion[2, k] = (exerted - friction - viscous * damping(row, velocity) * velocity) / inertia
         for _ in range(substeps):
             if servo:
-                # In the middle of the step.
-                ago = delay / step_s - 0.5
-                now = servo_steps.before(history, newest, position, velocity, ago, step_s)
-                then = servo_steps.before(history, newest, position, velocity, ago + window / step_s, step_s)
-                asked = torque_gain * servo_steps.asked(command[k], now, then, lead, window, limit)
+                error = servo_steps.asked_in_step(command[k], history, newest, position, velocity, step_s, loop)
+                asked = torque_gain * error
             exerted = driving(row, waves, asked + (motor - asked) * mean_decay, torque_gain, position) - port[k]
             slope = s / strength(row, velocity, position, port[k])
             drag = viscous * damping(row, velocity)

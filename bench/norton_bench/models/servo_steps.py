@@ -37,6 +37,27 @@ def before(history: FloatArray, newest: int, position: float, velocity: float, s
 
 
 @njit(cache=True, nogil=True)
+def asked_in_step(
+    command: float,
+    history: FloatArray,
+    newest: int,
+    position: float,
+    velocity: float,
+    step_s: float,
+    loop: tuple[float, float, float, float],
+) -> float:
+    """What the amplifier is asked for in the middle of the step that begins at ``position``, the ``newest`` of history.
+
+    ``loop`` is lead, delay and window [s], and limit [rad].
+    """
+    lead, delay, window, limit = loop
+    ago = delay / step_s - 0.5
+    now = before(history, newest, position, velocity, ago, step_s)
+    earlier = before(history, newest, position, velocity, ago + window / step_s, step_s)
+    return asked(command, now, earlier, lead, window, limit)
+
+
+@njit(cache=True, nogil=True)
 def between(values: FloatArray, at: float) -> float:
     """A signal at any place between its samples (n,), by the cubic through four of them; the ends are held."""
     last = values.size - 1

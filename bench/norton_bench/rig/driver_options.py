@@ -109,11 +109,10 @@ def _explained(text: str, model: type[DeviceOptions], key: str) -> str:
 
 
 def _model_in(module: ModuleType) -> type[DeviceOptions] | None:
-    own = (
-        value
-        for value in vars(module).values()
-        if isinstance(value, type) and issubclass(value, DeviceOptions) and value.__module__ == module.__name__
-    )
+    """Its own, or one that it takes from a module below its folder's name; not what all drivers share."""
+    folder = module.__name__.rpartition(".")[0]
+    classes = [each for each in vars(module).values() if isinstance(each, type) and issubclass(each, DeviceOptions)]
+    own = (each for each in classes if each.__module__ in (module.__name__, f"{folder}.options"))
     return next(own, None)
 
 

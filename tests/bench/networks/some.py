@@ -134,9 +134,9 @@ MOTORS = {
 }
 ALL_TERMS = _with(*(term for motor in MOTORS.values() for term in motor.terms))
 # The motor behind each joint of the table, and with all other terms behind one.
-SPRING = NetworkTerm("compliance", (8.0, 0.01, 1e-5))
+COMPLIANCE = NetworkTerm("compliance", (8.0, 0.01, 1e-5))
 JOINTS = {
-    "compliance": _with(SPRING),
+    "compliance": _with(COMPLIANCE),
     "backlash": _with(NetworkTerm("backlash", (8.0, 0.01, 1e-5, 2e-3))),
-    "compliance with all": replace(ALL_TERMS, terms=(*ALL_TERMS.terms, SPRING)),
+    "compliance with all": replace(ALL_TERMS, terms=(*ALL_TERMS.terms, COMPLIANCE)),
 }

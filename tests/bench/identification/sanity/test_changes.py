@@ -42,7 +42,7 @@ def test_a_machine_that_stays_the_same_is_not_doubted(coarse: Solution) -> None:
 def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
     told = Blocks.of(coarse).told(INERTIA)
     assert told[0] == 0.0
-    assert np.all(np.diff(told) >= 0.0)
+    assert np.all(np.diff(told) >= -1e-12)  # but for rounding
     assert 0.5 < told[-1] < 1.0
 
 
