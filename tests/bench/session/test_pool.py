@@ -48,6 +48,8 @@ def test_interrupted_all_of_it_ends_at_once(number: signal.Signals, times: int, 
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        # A suite that a shell runs in its background ignores Ctrl-C, and its children would.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])},
     )
     with process:
