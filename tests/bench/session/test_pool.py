@@ -12,7 +12,9 @@ import pytest
 ROOT = Path(__file__).parents[3]
 # Each work leaves a file when it begins, and takes it away when it ends in order.
 PROGRAM = """
-import sys, time
+import signal, sys, time
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a suite in a shell's background has its children ignore it
 from pathlib import Path
 from norton_bench.cli.app import run_safely
 from norton_bench.session.pool import process_pool
@@ -48,8 +50,6 @@ def test_interrupted_all_of_it_ends_at_once(number: signal.Signals, times: int, 
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
-        # A suite that a shell runs in its background ignores Ctrl-C, and its children would.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])},
     )
     with process:
