@@ -81,8 +81,7 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
 # Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
 PIECE_S, SHORTEST_PIECE_S = 2.0, 0.5
 LEVEL = 0.95
-# Noise is no greater than what this share of the segments is left with: a machine that is knocked about makes the
-# readings' own differences look noisy.
+# Noise is no greater than what this share of the segments is left with: knocks make readings' differences look noisy.
 QUIETEST = 0.25
 # More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
 UNEXPLAINED = 0.5

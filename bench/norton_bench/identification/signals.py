@@ -236,9 +236,8 @@ def _common_spans(runs_s: Sequence[FloatArray]) -> list[Span]:
 def _stretch(
     measured: Measured, streams: dict[str, TimeSeries], tick_s: float, use: Use, port: Port, origin_ns: int, span: Span
 ) -> Signals:
-    start_s, end_s = span
     # On whole ticks, so that grids of different machines fall on each other.
-    start_s = float(np.ceil(start_s / tick_s) * tick_s)
+    start_s, end_s = float(np.ceil(span[0] / tick_s) * tick_s), span[1]
     count = int((end_s - start_s) / tick_s)
     time_s = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
     fine_s = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
@@ -246,20 +245,19 @@ def _stretch(
     sent_s = sent_at_s(measured.ticks, origin_ns)
     chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
     column = "command" if port is Port.ACTUATOR else "load_torque_nm"
-    sent_s, command = sent_s[chosen], np.ascontiguousarray(measured.ticks[column][chosen])
+    sent_s, command = np.ascontiguousarray(sent_s[chosen]), np.ascontiguousarray(measured.ticks[column][chosen])
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
     servo = measured.chain.servo if port is Port.ACTUATOR else None
     if servo is not None:
-        limited = near_limit(servo, sent_s, command, time_s, streams["path"].at(time_s))
-        usable &= ~_lasting(limited, LIMIT_LASTS_TICKS)
+        usable &= _below_limit(servo, streams["path"].at(time_s), time_s, sent_s, command)
     return Signals(
         tick_s=tick_s,
         origin_ns=origin_ns,
         time_s=time_s,
         position_rad=streams["position"].at(fine_s),
         path_rad=streams["path"].at(fine_s),
-        sent_s=np.ascontiguousarray(sent_s),
+        sent_s=sent_s,
         command=command,
         segment=segment,
         usable=usable,
@@ -277,6 +275,13 @@ def _stretch(
         released_at_zero=port.value in measured.chain.released_at_zero,
         servo=servo,
     )
+
+
+def _below_limit(
+    servo: Servo, angle_rad: FloatArray, time_s: FloatArray, sent_s: FloatArray, command_rad: FloatArray
+) -> BoolArray:
+    """Where the servo's limit does not hold its torque, (n,)."""
+    return ~_lasting(near_limit(servo, sent_s, command_rad, time_s, angle_rad), LIMIT_LASTS_TICKS)
 
 
 def _usable(streams: dict[str, TimeSeries], time_s: FloatArray, in_use: BoolArray) -> tuple[BoolArray, BoolArray]:
