@@ -1,6 +1,6 @@
 """The paper's conditions (IV.B.1, VI.C) for networks of equations: looked for over the declared domain, numerically."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import Any
@@ -15,6 +15,8 @@ from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork, advance, steps_in
 from norton_bench.networks.settled import linearised, settled
 
+# Of the source's places and the port's, which are broadcast to one shape.
+Exertion = Callable[[FloatArray, FloatArray], FloatArray]
 PLACES = 21
 POINTS = 401
 # An exertion below this part of the greatest in the domain is none.
@@ -68,13 +70,15 @@ def _zero(network: NonlinearNetwork, settle_s: float) -> Iterator[Finding]:
         yield from _zero_at_rest(network, settle_s)
         return
     at_source, widest, crossings = 0.0, 0.0, 1
+    places = np.linspace(*network.domain[motion], POINTS)
+    source = _sources(network, motion, places)
     for commands in _commands(network):
-        source, exertion = _exertions(network, commands, motion, settle_s)
+        exertion_at = _exertions(network, commands, motion, settle_s)
+        exertion = exertion_at(source[:, None], places[None, :])
         size = float(np.abs(exertion).max()) or 1.0
-        places = np.linspace(*network.domain[motion], POINTS)
         at_source = max(at_source, float(np.abs(np.diagonal(exertion[:, _nearest(places, source)])).max()) / size)
         at_edges, zeros = _zeros(places, exertion, NOTHING * size)
-        flat = max(at_edges, _range(network, commands, motion, source, places, exertion, NOTHING * size))
+        flat = max(at_edges, _range(exertion_at, source, places, exertion, NOTHING * size))
         widest, crossings = max(widest, flat), max(crossings, zeros)
     holds = at_source <= 1e-9
     how = f"at x = x_N the exertion is at most {at_source:.2g} of the greatest in the domain"
@@ -94,22 +98,27 @@ def _nearest(places: FloatArray, wanted: FloatArray) -> Any:
     return np.abs(places[None, :] - wanted[:, None]).argmin(axis=1)
 
 
-def _exertions(
-    network: NonlinearNetwork, commands: dict[str, float], motion: str, settle_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Source places (p,) on the grid of the domain, and exertion (p, POINTS) with the port anywhere else.
+def _sources(network: NonlinearNetwork, motion: str, places: FloatArray) -> FloatArray:
+    """Places (p,) of the source among those of the domain."""
+    low, high = network.domain.get(f"{motion}_N", network.domain[motion])
+    chosen = places[(places >= low) & (places <= high)]
+    return chosen[:: max(1, len(chosen) // PLACES)]
+
+
+def _exertions(network: NonlinearNetwork, commands: dict[str, float], motion: str, settle_s: float) -> Exertion:
+    """Exertion with the source at one place and the port at another, of the shape of both together.
 
     The connection is asked, not the source: the identity must hold for any x_N, also those that no command reaches.
     """
-    places = np.linspace(*network.domain[motion], POINTS)
-    low, high = network.domain.get(f"{motion}_N", network.domain[motion])
-    chosen = places[(places >= low) & (places <= high)]
-    chosen = chosen[:: max(1, len(chosen) // PLACES)]
-    source = dict.fromkeys(network.source.outputs, 0.0) | {f"{motion}_N": chosen[:, None]}
-    port = {"x": 0.0, "v": 0.0, "a": 0.0} | {motion: places[None, :]}
     states = settled(network, commands, settle_s) if network.connection.rates else dict(network.start)
-    exertion = network.connect(source, states, commands, port)["f"]
-    return chosen, np.broadcast_to(np.asarray(exertion, dtype=float), (chosen.size, places.size))
+
+    def exertion(source: FloatArray, port: FloatArray) -> FloatArray:
+        given = dict.fromkeys(network.source.outputs, 0.0) | {f"{motion}_N": source}
+        at = {"x": 0.0, "v": 0.0, "a": 0.0} | {motion: port}
+        result = network.connect(given, states, commands, at)["f"]
+        return np.broadcast_to(np.asarray(result, dtype=float), np.broadcast_shapes(source.shape, port.shape))
+
+    return exertion
 
 
 def _zeros(places: FloatArray, exertion: FloatArray, nothing: float) -> tuple[float, int]:
@@ -126,20 +135,12 @@ def _zeros(places: FloatArray, exertion: FloatArray, nothing: float) -> tuple[fl
 
 
 def _range(
-    network: NonlinearNetwork,
-    commands: Mapping[str, float],
-    motion: str,
-    source: FloatArray,
-    places: FloatArray,
-    exertion: FloatArray,
-    nothing: float,
+    exertion_at: Exertion, source: FloatArray, places: FloatArray, exertion: FloatArray, nothing: float
 ) -> float:
     """The widest range of no exertion, with its ends found between the places of the grid, by bisection."""
-    fixed = settled(network, commands) if network.connection.rates else dict(network.start)
 
     def sign(place: float, at: float) -> int:
-        given = dict.fromkeys(network.source.outputs, 0.0) | {f"{motion}_N": place}
-        value = float(network.connect(given, fixed, commands, {"x": 0.0, "v": 0.0, "a": 0.0} | {motion: at})["f"])
+        value = float(exertion_at(np.array(place), np.array(at)))
         return 0 if abs(value) <= nothing else (1 if value > 0.0 else -1)
 
     def edge(place: float, outside: float, inside: float, kind: int) -> float:
