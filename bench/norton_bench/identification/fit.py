@@ -42,7 +42,7 @@ from norton_bench.identification.term_estimates import amplitude, terms_found, t
 from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
-from norton_bench.models.terms import Factor, NetworkTerm, joint_of
+from norton_bench.models.terms import Factor, NetworkTerm, joint_of, parameters_of
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -277,13 +277,18 @@ def _values(
     return _simulated(Simulation.of(readings, stretches, solution), values, covariance)
 
 
+def names_of(solution: Solution) -> tuple[str, ...]:
+    """Of a solution's values, as :func:`physical` has them."""
+    return (*KNOWN, *(parameter.name for parameter in parameters_of(solution.shape.terms)))
+
+
 def _simulated(
     bench: Simulation, values: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, Simulated]:
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
     scatter = scatter_of(bench, values, physical)
     stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-    names = (*KNOWN, *(one.name for each in bench.solution.shape.terms for one in each.term.parameters))
+    names = names_of(bench.solution)
     of_residual = dict(zip(names, stated, strict=True))
     repeated_std = dict(zip(names, scatter.bias_std.tolist(), strict=True))
     return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
@@ -383,7 +388,7 @@ def network_of(
     terms: tuple[NetworkTerm, ...] = (),
 ) -> NortonNetwork:
     """The network with these values; ``covariance`` is that of PHYSICAL, or as :func:`physical` has it."""
-    more = [parameter.name for each in terms for parameter in each.term.parameters]
+    more = [parameter.name for parameter in parameters_of(terms)]
     kept = [*range(len(PHYSICAL)), *range(MOTOR_VALUES, MOTOR_VALUES + len(more))]
     return NortonNetwork.of_parameters(
         {estimate.name: estimate.value for estimate in estimates},

@@ -20,11 +20,11 @@ from norton_bench.identification.separable import (
     MOST_COGGINGS,
     NOTHING_GAINED,
     ROUGH_STEP,
-    SLOW_SHARES,
     STEP_SHARES,
-    STRIBECK_VELOCITIES,
     Solution,
     limits,
+    span_of,
+    velocity_starts,
 )
 from norton_bench.identification.shape import INERTIA, LINEAR, Shape
 from norton_bench.identification.signals import FINE, Signals
@@ -150,7 +150,7 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
         raise ValueError("no fit finds the width of a play: ask for the term compliance")
     linear = near.linear[: len(LINEAR)]
     if before is not None and wanted == before:
-        begins = [(start, linear) for start in _other_starts(near.regression, shape)]
+        begins = [(start, linear) for start in velocity_starts(near.regression, shape)]
     else:
         begins = [_begun_on_pieces(near, shape, linear, zero_nm)]
     plain = replace(_plain(near.regression), cogging=()).with_terms(terms, zero_nm, near.regression.middle_s)
@@ -289,24 +289,8 @@ def _joint_starts(shape: Shape, linear: FloatArray) -> Iterator[tuple[Shape, Flo
         yield replace(shape, terms=terms), motor
 
 
-def _other_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
-    """One for each of some velocities where another term has a Stribeck velocity, as shares of the rms velocity."""
-    places = [place for place, (_, one) in enumerate(_parameters(shape), 4) if _is_velocity(one)]
-    if not places:
-        yield shape
-        return
-    for share in SLOW_SHARES:
-        at = shape.as_array()
-        at[places] = np.log(share * regression.rms_velocity)
-        yield shape.at(at)
-
-
 def _parameters(shape: Shape) -> list[tuple[NetworkTerm, TermParameter]]:
     return [(each, parameter) for each in shape.terms for parameter in each.term.parameters]
-
-
-def _is_velocity(parameter: TermParameter) -> bool:
-    return parameter.logarithmic and parameter.unit == "rad/s"
 
 
 def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
@@ -318,10 +302,7 @@ def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
 
 def _span(regression: Regression, shape: Shape, term: NetworkTerm, parameter: TermParameter) -> tuple[float, float]:
     if term.term.factor is not Factor.JOINT:
-        if not _is_velocity(parameter):
-            return parameter.low, parameter.high
-        low, high = (float(np.log(share * regression.rms_velocity)) for share in STRIBECK_VELOCITIES)
-        return low, high
+        return span_of(regression, parameter)
     rates = [2 * np.pi * each for each in JOINT_HZ]
     critical = 2 * float(np.sqrt(shape.row[JOINT_STIFFNESS]))
     return {

@@ -23,7 +23,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, Factor, NetworkTerm
+from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, Factor, NetworkTerm, parameters_of
 from norton_bench.records import Measured
 from norton_bench.segments import Use
 
@@ -251,7 +251,7 @@ def with_what_moved(result: FitResult, fit: FitResult, live: Sequence[Estimate])
     ``result`` is ``fit`` with the deviations that the model's error gives. What moves evenly past its mean deviates
     from it by the distance to either end over the square root of 3. Live values of another composition tell nothing.
     """
-    terms = {parameter.name for each in result.network.relative_terms for parameter in each.term.parameters}
+    terms = {parameter.name for parameter in parameters_of(result.network.relative_terms)}
     if terms != {each.name for each in live if each.name in TERM_PARAMETERS}:
         return result
     moved = {change.final.name: change for change in changes(live, fit) if change.significant}

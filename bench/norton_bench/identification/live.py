@@ -16,7 +16,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import Cleaned
-from norton_bench.identification.fit import KNOWN, PHYSICAL, bias_of, physical, result_of, solution_of, solution_with
+from norton_bench.identification.fit import bias_of, names_of, physical, result_of, solution_of, solution_with
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import ModelError, judged_estimate
@@ -325,8 +325,9 @@ class LiveIdentifier:
         before = physical(solution, time_s)[0]
         after, covariance = physical(now, time_s, drift.covariance)
         moved = []
+        names = names_of(solution)
         for estimate in estimates:
-            at = _place(estimate.name, solution)
+            at = names.index(estimate.name)
             known = self._corrections.get(estimate.name, _Correction())
             value = estimate.value + float(after[at] - before[at])
             std = float(np.hypot(known.wider * np.sqrt(covariance[at, at]), known.bias_std * abs(value)))
@@ -352,13 +353,7 @@ class LiveIdentifier:
 
 def _estimates(result: FitResult) -> tuple[Estimate, ...]:
     """The motor's seven, then those of the terms: as the network's covariance has them."""
-    terms = [parameter.name for each in result.network.relative_terms for parameter in each.term.parameters]
-    return tuple(result.estimate(name) for name in (*PHYSICAL, *terms))
-
-
-def _place(name: str, solution: Solution) -> int:
-    """Of a parameter among a solution's values."""
-    return (*KNOWN, *(one.name for each in solution.shape.terms for one in each.term.parameters)).index(name)
+    return tuple(result.estimate(name) for name in result.network.covariance_names)
 
 
 def _in_time(name: str) -> bool:

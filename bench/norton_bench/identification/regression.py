@@ -48,6 +48,7 @@ from norton_bench.models.terms import (
     Factor,
     NetworkTerm,
     TermParameter,
+    parameters_of,
 )
 
 # The torque sensor's zero may wander this slowly.
@@ -120,7 +121,7 @@ class Regression:
     def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float, middle_s: float) -> "Regression":
         """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor, ``middle_s`` the session's."""
         rows = tuple(replace(each, zero_nm=zero_nm, middle_s=middle_s) for each in self.rows)
-        sizes = np.array([self._size(parameter) for each in terms for parameter in each.term.parameters])
+        sizes = np.array([self._size(parameter) for parameter in parameters_of(terms)])
         return replace(self, rows=rows, scales=sizes)
 
     @property

@@ -16,7 +16,7 @@ from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.shape import COULOMB, INERTIA, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import strongest_period
-from norton_bench.models.terms import NetworkTerm, TermParameter
+from norton_bench.models.terms import NetworkTerm, TermParameter, parameters_of
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
 LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)
@@ -124,7 +124,7 @@ def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: floa
     regression = replace(near.regression, whitening=None, cogging=()).with_terms(
         terms, zero_nm, near.regression.middle_s
     )
-    starts = (_At.of(regression, start) for start in _term_starts(regression, shape))
+    starts = (_At.of(regression, start) for start in velocity_starts(regression, shape))
     best = min((_descend(start, most_steps=1, within=ROUGH_STEP)[0] for start in starts), key=lambda at: at.cost)
     rough = _with_cogging(_iterated(best, within=ROUGH_STEP), within=ROUGH_STEP)
     counted = rough.regression.recounted(rough.shape).whitened(
@@ -133,9 +133,9 @@ def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: floa
     return _with_cogging(_iterate(counted, rough.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
 
 
-def _term_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
+def velocity_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
     """One for each of some velocities where a term has a Stribeck velocity, as shares of the rms velocity."""
-    places = [place for place, one in enumerate(_term_parameters(shape), MOTION_DELAY + 1) if one.logarithmic]
+    places = [place for place, one in enumerate(parameters_of(shape.terms), MOTION_DELAY + 1) if _is_velocity(one)]
     if not places:
         yield shape
         return
@@ -145,16 +145,24 @@ def _term_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
         yield shape.at(at)
 
 
-def _term_parameters(shape: Shape) -> list[TermParameter]:
-    return [parameter for each in shape.terms for parameter in each.term.parameters]
+def _is_velocity(parameter: TermParameter) -> bool:
+    """Whether it is a Stribeck velocity; a joint's stiffness is logarithmic, too."""
+    return parameter.logarithmic and parameter.unit == "rad/s"
 
 
 def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
     """The box searched, terms included."""
     low, high = limits(regression.rows[0].signals.tick_s)
-    widest = np.log(STRIBECK_VELOCITIES) + np.log(regression.rms_velocity) if shape.terms else np.empty(2)
-    spans = [widest if each.logarithmic else (each.low, each.high) for each in _term_parameters(shape)]
+    spans = [span_of(regression, each) for each in parameters_of(shape.terms)]
     return np.array([*low, *(span[0] for span in spans)]), np.array([*high, *(span[1] for span in spans)])
+
+
+def span_of(regression: Regression, parameter: TermParameter) -> tuple[float, float]:
+    """Between which values one parameter of a term that is no joint is searched; logarithms where it is logarithmic."""
+    if not _is_velocity(parameter):
+        return parameter.low, parameter.high
+    low, high = (float(np.log(share * regression.rms_velocity)) for share in STRIBECK_VELOCITIES)
+    return low, high
 
 
 def _of_terms_too(steps: FloatArray, regression: Regression) -> FloatArray:

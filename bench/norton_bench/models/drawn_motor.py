@@ -90,8 +90,7 @@ def drawn(network: NortonNetwork, seed: int) -> Motor:
 
 def drawn_values(network: NortonNetwork, seed: int) -> FloatArray:
     """Values of ``network.covariance_names`` as they go together, shape (DRAWS, names); terms that have none stay."""
-    values = {name: value for name, (value, _) in network.parameters().items()}
-    values |= {name: value for term in network.terms for name, value in term.named().items()}
+    values = network.values()
     mean = np.array([values[name] for name in network.covariance_names])
     normal = np.random.default_rng(seed).standard_normal((DRAWS, mean.size))
     return np.asarray(mean + normal @ _root(np.asarray(network.covariance)).T)

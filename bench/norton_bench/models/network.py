@@ -301,6 +301,11 @@ class NortonNetwork:
             if (value := getattr(self, attribute)) is not None
         }
 
+    def values(self) -> dict[str, float]:
+        """Of these parameters and of those of its terms, by name; of several waves of cogging the last."""
+        own = {name: value for name, (value, _) in self.parameters().items()}
+        return own | {name: value for term in self.terms for name, value in term.named().items()}
+
     def with_provenance(self, provenance: Mapping[str, str]) -> "NortonNetwork":
         """The same network, with more said of where it comes from."""
         return replace(self, provenance={**self.provenance, **provenance})

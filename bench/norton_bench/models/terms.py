@@ -274,6 +274,11 @@ class NetworkTerm:
         )
 
 
+def parameters_of(terms: Sequence[NetworkTerm]) -> tuple[TermParameter, ...]:
+    """All of them, in the order of the terms."""
+    return tuple(parameter for each in terms for parameter in each.term.parameters)
+
+
 def _over(value: float, base: float) -> float:
     """Nothing where the motor lacks what the term is a factor of."""
     return value / base if base else 0.0

@@ -41,7 +41,7 @@ WIDTH = 120
 def export_urdf(network: Network, name: str) -> ExportedModel:
     """A link with the rotor's inertia on a continuous joint. Raises UsageError for what is no identified motor."""
     motor = _identified(network, "URDF's joint")
-    left_out = (*_path(motor), presliding_sentence(motor), *term_sentences(motor, tuple(TERM_BY_NAME)))
+    left_out = _left_out(motor)
     inertia = motor.inertia_kgm2
     lines = [
         '<?xml version="1.0"?>',
@@ -71,7 +71,7 @@ def export_urdf(network: Network, name: str) -> ExportedModel:
 def export_isaac_lab(network: Network, name: str) -> ExportedModel:
     """A Python file with one actuator configuration. Raises UsageError for what is no identified motor."""
     motor = _identified(network, "Isaac Lab's actuator")
-    left_out = (*_path(motor), presliding_sentence(motor), *term_sentences(motor, tuple(TERM_BY_NAME)))
+    left_out = _left_out(motor)
     more_at_rest_nm = sum(term.values[0] for term in motor.terms if term.name == "stribeck")
     if more_at_rest_nm:
         left_out = (*left_out, "Of the term stribeck the friction at rest is kept.")
@@ -105,21 +105,18 @@ def export_ranges(network: Network, name: str) -> ExportedModel:
     Sets with values that no machine has are left out. Raises UsageError for a network without covariance.
     """
     motor = _identified(network, "a range")
-    values = {each: value for each, (value, _) in motor.parameters().items()}
-    values |= {each: value for term in motor.terms for each, value in term.named().items()}
-    names = [each for each in motor.covariance_names if each in values]
+    values, names = motor.values(), motor.covariance_names
     if not names:
         raise UsageError(f"{name}: the network has no covariance, so no range is known; fit its recording again")
     draws = [each for each in drawn_values(motor, SEED).tolist() if _possible(names, each)][:DRAWS]
-    std = np.sqrt(np.diag(np.asarray(motor.covariance)))
+    half = HALF_INTERVAL * np.sqrt(np.diag(np.asarray(motor.covariance)))
     content = {
         "format": RANGES_FORMAT,
         "version": RANGES_VERSION,
         "network": name,
         "parameters": {
-            each: _range(each, values[each], HALF_INTERVAL * float(std[place]), motor.command_unit)
-            for place, each in enumerate(motor.covariance_names)
-            if each in values
+            each: _range(each, values[each], float(width), motor.command_unit)
+            for each, width in zip(names, half, strict=True)
         },
         "draws": {"names": names, "values": draws},
     }
@@ -150,7 +147,12 @@ def _identified(network: Network, target: str) -> NortonNetwork:
     return network
 
 
-def _path(motor: NortonNetwork) -> tuple[str, ...]:
+def _left_out(motor: NortonNetwork) -> tuple[str, ...]:
+    """What neither URDF nor Isaac Lab has words for."""
+    return (_path(motor), presliding_sentence(motor), *term_sentences(motor, tuple(TERM_BY_NAME)))
+
+
+def _path(motor: NortonNetwork) -> str:
     """What the command goes through before it is a torque."""
     at_once = replace(motor, amplifier_bandwidth_rad_s=QUICKER * motor.amplifier_bandwidth_rad_s)
     motion = standard_motion(motor)
@@ -158,5 +160,5 @@ def _path(motor: NortonNetwork) -> tuple[str, ...]:
     return (
         f"The path of the command is left out: the effort to send is {motor.torque_gain:.5g} N m per "
         f"{motor.command_unit} of command, behind a lag of {1e3 / motor.amplifier_bandwidth_rad_s:.3g} ms. To leave "
-        f"the lag out costs {cost:.2g} % of the torque's rms, over {motion.words}.",
+        f"the lag out costs {cost:.2g} % of the torque's rms, over {motion.words}."
     )
