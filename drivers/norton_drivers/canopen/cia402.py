@@ -13,7 +13,6 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.canopen import cia402_setup as setup
 from norton_drivers.canopen.master import Master, master_of
 from norton_drivers.canopen.node import DEVICE_TYPE, Node, answers, load_dictionary, probes, recognise  # noqa: F401  (found here by whoever looks for them)
@@ -22,6 +21,7 @@ from norton_drivers.codecs import cia402
 from norton_drivers.codecs.canopen import NmtCommand, describe_nmt_state
 from norton_drivers.codecs.cia402 import Controlword, Mode, Object, State
 from norton_drivers.codecs.common import CodecError
+from norton_drivers.drive_base import DriveBase, FedWatchdog
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading, Unwrapped
@@ -145,7 +145,7 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Cia402Drive":
     return drive
 
 
-class Cia402Drive(CanDrive):
+class Cia402Drive(DriveBase):
     """``actual_torque_nm`` is the drive's own word on its torque (6077h), by the scale of its commands."""
 
     command_unit = "N*m"

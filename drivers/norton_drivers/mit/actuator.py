@@ -16,10 +16,10 @@ from math import nan
 
 import can
 
-from norton_drivers.can_drive import CanDrive
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.mit.goals import Goals
@@ -36,7 +36,7 @@ PROBE_FLOWS_NS = 20_000_000
 PROBE_ENDED_NS = 60_000_000  # after the timeout
 
 
-class MitActuator(CanDrive):
+class MitActuator(DriveBase):
     """One motor. ``malformed`` counts its replies that could not be decoded."""
 
     heartbeat_timeout_ns = SILENT_NS

@@ -14,13 +14,13 @@ from typing import Any, ClassVar, Final, Literal
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
-from norton_drivers.can_drive import CanDrive, FedWatchdog
 from norton_drivers.codecs import odrive as protocol
 from norton_drivers.codecs import odrive_06
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_06 import describe_axis_state
+from norton_drivers.drive_base import DriveBase, FedWatchdog
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
 from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
@@ -135,7 +135,7 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "ODrive":
     return ODrive(settings, parse_options(ODriveOptions, settings), link.can_port(settings), link)
 
 
-class ODrive(CanDrive):
+class ODrive(DriveBase):
     """One axis of an ODrive. ``malformed`` counts frames that could not be decoded."""
 
     command_unit = "N*m"

@@ -16,10 +16,10 @@ from typing import ClassVar, Literal
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
-from norton_drivers.can_drive import CanDrive
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet, describe_fault
+from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
@@ -123,7 +123,7 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Vesc":
     return Vesc(settings, parse_options(VescOptions, settings), link.can_port(settings), link)
 
 
-class Vesc(CanDrive):
+class Vesc(DriveBase):
     """One motor of a VESC."""
 
     heartbeat_timeout_ns = SILENT_NS

@@ -1,4 +1,4 @@
-"""What drives on CAN have in common."""
+"""What drives have in common, whatever line they are on."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ def _can_be_fed(watchdog_s: float) -> float:
 FedWatchdog = Annotated[float, AfterValidator(_can_be_fed)]
 
 
-class CanDrive:
+class DriveBase:
     """Readings that wait to be taken, and a status that is put together anew only after something has changed."""
 
     def __init__(self, settings: DeviceSettings) -> None:
