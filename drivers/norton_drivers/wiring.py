@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from norton_drivers.errors import WiringError
+from norton_drivers.serial_timing import Exchange
 from norton_drivers.servo import Servo
 
 
@@ -110,6 +111,11 @@ class DeviceOptions(BaseModel):
     @property
     def servo(self) -> Servo | None:
         """The drive's own position loop, where its commands are positions."""
+        return None
+
+    @property
+    def exchange(self) -> Exchange | None:
+        """What crosses the serial line of a drive that has one of its own; None for what is on a bus, or streams."""
         return None
 
     @property

@@ -72,6 +72,13 @@ class TestVesc(AmplifierContract):
         return simulated("sim-vesc.toml", "actuator", direction)
 
 
+class TestVescUart(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-vesc-uart.toml", "actuator", direction)
+
+
 class TestMit(AmplifierContract):
     command_resolution = 0.5e-3  # half a step: exactly zero cannot be sent
 

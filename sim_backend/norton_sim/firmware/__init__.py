@@ -13,6 +13,7 @@ FIRMWARE = {
     "cia402": ("cia402", "Cia402Drive"),
     "mit": ("mit", "MitMotor"),
     "vesc": ("vesc", "VescController"),
+    "vesc_uart": ("vesc_uart", "VescSerial"),
     "ascii": ("serial_sensors", "AsciiSensor"),
     "bota": ("bota", "BotaSensor"),
     "canopen": ("can_sensors", "CanopenSensor"),
