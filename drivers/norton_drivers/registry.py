@@ -157,10 +157,7 @@ def installed(group: str) -> dict[str, ModuleType]:
 def recognition() -> dict[str, Recognition]:
     """What the installed drivers offer to tell who is on a bus, by the driver's name."""
     modules = {**installed(AMPLIFIERS), **installed(TORQUE_SENSORS)}
-    return {
-        name: Recognition(*(getattr(module, offer, None) for offer in OFFERS))
-        for name, module in modules.items()
-    }
+    return {name: Recognition(*(getattr(module, offer, None) for offer in OFFERS)) for name, module in modules.items()}
 
 
 def load_backend(name: str) -> BackendFactory:

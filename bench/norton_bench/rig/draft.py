@@ -258,6 +258,25 @@ def _lost_answers(draft: Draft) -> Found:
         )
 
 
+def _lines(draft: Draft) -> Found:
+    """A drive's serial line must carry a command in every tick, and readings often enough to be of use."""
+    for role, device in draft.devices().items() if draft.rig is not None else ():
+        options = draft.options.get(role, {})
+        declared = amplifier_options(device.driver, options) if device.port and role in FITTED else None
+        exchange = declared.exchange if declared is not None else None
+        if exchange is None or draft.rig is None or exchange.serves(1 / draft.rig.rate_hz):
+            continue
+        baud = options.get("baud", exchange.baud)
+        line = f"at {baud} baud" if baud else "on USB"
+        greatest_hz = exchange.greatest_rate_hz
+        yield (
+            "[rig] rate",
+            f"{draft.rig.rate_hz:g} Hz is more than the line of [{role}] carries {line}: at most {greatest_hz:.0f} Hz "
+            f'with a reading in every tick; write rate = "{int(greatest_hz / 10) * 10} Hz", or raise the baud rate in '
+            f"the drive and in [{role}]",
+        )
+
+
 def _torque_limits(draft: Draft) -> Found:
     if draft.limits is None:
         return
@@ -354,6 +373,7 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _timing,
     _stall,
     _lost_answers,
+    _lines,
     _torque_limits,
     _twist,
     _command_limit,

@@ -18,7 +18,7 @@ MOTOR_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "
 class VescMotorOptions(DeviceOptions):
     """What a rig file may say of a VESC and its motor."""
 
-    asked: ClassVar = ("mode", "position", "minimum_current")
+    asked: ClassVar[tuple[str, ...]] = ("mode", "position", "minimum_current")
     command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
 
     pole_pairs: int = Field(

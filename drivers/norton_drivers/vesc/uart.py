@@ -52,9 +52,11 @@ SERIAL_PROBE = SerialProbe(vesc_uart.packet(vesc.ask_version()), _version_in)
 class VescUartOptions(VescMotorOptions):
     """What a rig file may say of a VESC on a serial line."""
 
-    asked: ClassVar = (*VescMotorOptions.asked, "baud")
+    asked: ClassVar[tuple[str, ...]] = (*VescMotorOptions.asked, "baud")
 
-    baud: int = Field(115_200, ge=0, description="of its UART; 0 on its own USB port, which has none", examples=[921_600])
+    baud: int = Field(
+        115_200, ge=0, description="of its UART; 0 on its own USB port, which has none", examples=[921_600]
+    )
     forward: int | None = Field(
         None, ge=0, le=NODE_MAX, description="the VESC ID of another that is meant, on the CAN bus of this one"
     )
@@ -118,7 +120,9 @@ class VescUart(SerialDrive):
         major, minor, hardware = vesc.version_of(version)
         moved = self._motion.count
         self._wait_for(lambda: self._motion.count > moved, timeout_s, "does not tell its values; update its firmware")
-        address = self._port.name if self.options.forward is None else f"{self._port.name} VESC ID {self.options.forward}"
+        address = (
+            self._port.name if self.options.forward is None else f"{self._port.name} VESC ID {self.options.forward}"
+        )
         return DeviceIdentity("vesc_uart", address, hardware, f"{major}.{minor:02d}")
 
     def enable(self, timeout_s: float = 2.0) -> None:
