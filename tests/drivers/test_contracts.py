@@ -65,6 +65,16 @@ class TestODriveAsLoad(AmplifierContract):
         return simulated("sim-odrive.toml", "load", direction)
 
 
+class TestODriveUart(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "actuator", direction)
+
+
+class TestODriveUart05(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "load", direction)
+
+
 class TestVesc(AmplifierContract):
     lets_go_at_zero = True
 
