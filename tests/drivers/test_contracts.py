@@ -89,6 +89,13 @@ class TestVescUart(AmplifierContract):
         return simulated("sim-vesc-uart.toml", "actuator", direction)
 
 
+class TestSimpleFoc(AmplifierContract):
+    command_resolution = 1e-5  # the last of the decimals on its line
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-simplefoc.toml", "actuator", direction)
+
+
 class TestMit(AmplifierContract):
     command_resolution = 0.5e-3  # half a step: exactly zero cannot be sent
 

@@ -1,7 +1,7 @@
 """ODrive's ASCII protocol on UART and USB, firmware 0.5 and 0.6: lines of text both ways, for either end of the line.
 
-``c 0 0.125*11`` newline commands a torque [N m] to motor 0; ``f 0*70`` asks for feedback, ``1.250000 -0.500000*14`` CR
-newline are position [turns] and velocity [turns/s]; ``r`` reads a property, ``w`` writes one, ``u`` feeds a motor's
+``c 0 0.125*123`` newline commands a torque [N m] to motor 0; ``f 0*118`` asks for feedback, ``1.250000 -0.500000*14``
+CR newline are position [turns] and velocity [turns/s]; ``r`` reads a property, ``w`` writes one, ``u`` feeds a motor's
 watchdog (as ``c`` does, but not ``f``, ``r`` and ``w``), ``sc`` clears errors. The checksum, the exclusive or of all
 that stands before the asterisk, may be left out; who sends it gets it back, and a line whose checksum is wrong is
 passed over without a word. Commands are not answered; a question for a property that is not there is ("invalid
