@@ -47,6 +47,7 @@ class ODriveText:
         self._random: Random = context.random
         self._watchdog = Watchdog(context.world, self._starve)
         self._byte_ns = BITS_PER_BYTE * 1e9 / opened_at(options.baud)
+        self._free_ns = 0  # one line is dealt with after the other
         self._sent_ns = 0  # when the last response was out
         self._stream = LineStream(mid_line=False)
         self._board = dict(zip(properties.VERSION, VERSIONS[options.firmware], strict=True))
@@ -78,7 +79,8 @@ class ODriveText:
     def _receive(self, data: bytes) -> None:
         for line in self._stream.feed(data):
             wait_ns = self._random.randrange(LOOK_PERIOD_NS)
-            self._world.at(self._world.now_ns + wait_ns, partial(self._process, line.text))
+            self._free_ns = max(self._free_ns, self._world.now_ns + wait_ns)
+            self._world.at(self._free_ns, partial(self._process, line.text))
 
     def _process(self, data: bytes, _stamp_ns: int) -> None:
         text, summed = data.partition(b";")[0].decode("ascii", "replace"), b"*" in data

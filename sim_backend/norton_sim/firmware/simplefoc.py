@@ -46,6 +46,7 @@ class SimpleFocMotor:
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
         self._line = b""
+        self._free_ns = 0  # one line is dealt with after the other
         self._connector = context.serial_connector()
         self._connector.on_bytes(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
@@ -71,7 +72,8 @@ class SimpleFocMotor:
             self._line += bytes((byte,))
             if byte in b"\r\n":
                 wait_ns = self._random.randrange(LOOP_PERIOD_NS) + PRINTING_NS
-                self._world.at(self._world.now_ns + wait_ns, partial(self._run, self._line[:-1].decode("latin-1")))
+                self._free_ns = max(self._free_ns, self._world.now_ns + wait_ns)
+                self._world.at(self._free_ns, partial(self._run, self._line[:-1].decode("latin-1")))
                 self._line = b""
             elif len(self._line) >= COMMAND_MAX:
                 self._line = b""

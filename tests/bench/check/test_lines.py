@@ -11,7 +11,7 @@ from norton_bench.rig.load import load_rig, parse_rig
 from tests.bench.check.test_families import really, sentences
 
 RIGS = Path(__file__).parents[3] / "rigs"
-VESC = RIGS / "sim-vesc-uart.toml"
+VESC, ODRIVE, SIMPLEFOC = (RIGS / f"sim-{name}.toml" for name in ("vesc-uart", "odrive-uart", "simplefoc"))
 
 
 def test_what_a_line_carries_is_told() -> None:
@@ -50,6 +50,19 @@ def test_answers_that_come_later_than_the_next_tick_are_remarked() -> None:
     ("path", "device", "words"),
     [
         (VESC, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
+        (ODRIVE, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
+        (SIMPLEFOC, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
+        (
+            ODRIVE,
+            {"driver": "vesc_uart", "pole_pairs": 7, "baud": 921_600},
+            'a VESC, firmware 6.05 answers there (driver = "vesc_uart", baud = 921600); is driver right?',
+        ),
+        (
+            VESC,
+            {"driver": "simplefoc", "current_limit": "9 A", "baud": 115_200},
+            'a SimpleFOC board with the commands M answers there (driver = "simplefoc", baud = 115200)',
+        ),
+        (ODRIVE, {"firmware": "0.5"}, 'says it runs firmware 0.5.6; the rig file has firmware = "0.6"'),
         (VESC, {"plugged": False}, "nobody known answers at the other usual baud rates either"),
     ],
 )
