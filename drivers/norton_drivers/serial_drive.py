@@ -1,9 +1,9 @@
 """What drives on a serial line of their own share: they are commanded in every tick, and speak only when spoken to.
 
-A driver says how bytes become answers (:meth:`SerialDrive._answers_in`) and what is asked next
-(:meth:`SerialDrive._next_question`). Asked is one question at a time, as soon as the last one is answered; a lost
-answer is asked for again. A reading belongs to the instant of its question plus a constant: that instant is its
-``device_ns``.
+A driver says how bytes become answers (:meth:`SerialDrive._answers_in`) and what is asked in every tick
+(:meth:`SerialDrive._next_question`); a tick passes without where the last answer is not there yet, and a lost one is
+asked for again. What is asked now and then (:meth:`SerialDrive._next_aside`) goes behind a command, so that no reading
+is missed for it. A reading belongs to the instant of its question plus a constant: that instant is its ``device_ns``.
 """
 
 from collections import deque
@@ -21,6 +21,7 @@ from norton_drivers.wiring import DeviceSettings
 # A command that the line cannot begin to send within this time waits, and the next takes its place.
 _LATEST_NS = 2_000_000
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
+_UNCOMMANDED_NS = 20_000_000  # then nothing is behind commands any more
 
 
 class NewestFirst:
@@ -48,6 +49,11 @@ class NewestFirst:
         """At once, or, where the line is behind, in the place of the last that waits. Raises ConnectionFailedError."""
         self._waiting = data
         self._send_waiting()
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether a command waits."""
+        return self._waiting is not None
 
     def drop(self) -> None:
         """What waits is not to be sent any more."""
@@ -92,8 +98,10 @@ class SerialDrive(DriveBase):
         self._line = NewestFirst(self._port, link, options.baud)
         self._told: deque[Question] = deque()  # to be asked before anything else, once each
         self._asked: Question | None = None
-        self._fed_ns = 0
-        self.questions = Questions(link, self._ask, options.timeout_s)
+        self._aside: Question | None = None  # asked behind a command
+        self._aside_ns = self._commanded_ns = self._fed_ns = 0
+        self._timeout_ns = round(options.timeout_s * 1e9)
+        self.questions = Questions(link, self._ask, options.timeout_s, once_a_poll=True)
         self._port.subscribe(self._on_bytes)
 
     # ---- What a driver says --------------------------------------------------------------------------------------
@@ -103,8 +111,12 @@ class SerialDrive(DriveBase):
         raise NotImplementedError
 
     def _next_question(self) -> Question:
-        """What is asked where nothing else is."""
+        """What is asked in every tick."""
         raise NotImplementedError
+
+    def _next_aside(self) -> Question | None:
+        """What is due now and then; its answers must not fit the questions of every tick, nor theirs its own."""
+        return None
 
     @property
     def _place(self) -> str:
@@ -120,6 +132,8 @@ class SerialDrive(DriveBase):
 
         Raises ConnectionFailedError.
         """
+        wait_until(lambda: self._aside is None, self._link, self._timeout_ns * 1e-9)
+        self._aside = None
         found: list[Any] = []
         question = Question(data, fits, lambda answer, _asked_ns, _arrival_ns: found.append(answer))
         self._told.append(question)
@@ -147,18 +161,38 @@ class SerialDrive(DriveBase):
             self._fed_ns = now_ns
             self.command(0.0)
 
+    def _send_command(self, data: bytes) -> None:
+        """A command, and behind it what is due now and then. Raises ConnectionFailedError."""
+        self._line.send_newest(data)
+        now_ns = self._commanded_ns = self._link.clock.now_ns()
+        lost = self._aside is not None and now_ns - self._aside_ns >= self._timeout_ns
+        if self._told or self._line.is_behind or not (self._aside is None or lost):
+            return
+        self._aside, self._aside_ns = self._next_aside(), now_ns
+        if self._aside is not None:
+            self._line.send(self._aside.data)
+
     def _ask(self) -> None:
-        self._asked = self._told[0] if self._told else self._next_question()
+        self._asked = self._told[0] if self._told else self._due_aside() or self._next_question()
         self._line.send(self._asked.data)
+
+    def _due_aside(self) -> Question | None:
+        """Where no commands are sent that it could go behind."""
+        idle = self._link.clock.now_ns() - self._commanded_ns >= _UNCOMMANDED_NS
+        return self._next_aside() if idle else None
 
     def _on_bytes(self, data: bytes, arrival_ns: int) -> None:
         for answer, later_bytes in self._answers_in(data):
             self._on_answer(answer, self._stamps.complete_ns(arrival_ns, later_bytes))
 
     def _on_answer(self, answer: Any, arrival_ns: int) -> None:
-        asked = self._asked
+        asked, aside = self._asked, self._aside
         if asked is None or not asked.fits(answer):
-            self.strangers += 1
+            if aside is not None and aside.fits(answer):
+                self._aside = None
+                aside.take(answer, self._aside_ns, arrival_ns)
+            else:
+                self.strangers += 1
             return
         self._asked = None
         if self._told and self._told[0] is asked:
@@ -170,6 +204,7 @@ class SerialDrive(DriveBase):
     def _send_last(self, *messages: bytes) -> None:
         """Each at once, whatever became of the other; never raises."""
         self._line.drop()
+        self._aside = None
         for data in messages:
             with suppress(ConnectionFailedError):
                 self._line.send(data)

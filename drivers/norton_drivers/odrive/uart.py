@@ -1,7 +1,8 @@
 """An ODrive on its UART or its USB port, by the ASCII protocol: torque commands out, motion, current and state in.
 
-It speaks only when spoken to, one question at a time: feedback in every tick, and ten times a second, one after the
-other, state, current, and one of errors, supply and temperature. Each of these takes the place of a feedback. Its
+It speaks only when spoken to. In every tick it is asked for feedback. Behind the command goes now and then a second
+question: for state, current, errors, supply and temperature. By the time that a drive on a UART has received the
+command and this, its feedback is sent: what it is asked before that it does not answer (on USB now and then). Its
 watchdog is armed here with both firmwares. See :mod:`norton_drivers.codecs.odrive_ascii` for the sources.
 """
 
@@ -31,6 +32,7 @@ from norton_drivers.wiring import DeviceSettings, parse_options
 TURN_RAD = 2 * pi
 SLOW_PERIOD_NS = 100_000_000
 SILENT_NS = 350_000_000  # three times that, and a bit
+_CURRENTS = 4  # in that time
 _ANSWER_S = 0.3
 _THINKING_S = 0.2e-3  # bytes are looked for at 8 kHz (interface_uart.cpp)
 _QUESTION_BYTES: Final = len(line("f 0"))
@@ -138,7 +140,7 @@ class ODriveUart(SerialDrive):
             text = ascii_protocol.torque_text(self.options.axis, self._direction * value)
         except CodecError as error:
             raise self._cannot(value) from error
-        self._line.send_newest(line(text))
+        self._send_command(line(text))
         return self._direction * float(text.rpartition(" ")[2])
 
     @property
@@ -233,12 +235,16 @@ class ODriveUart(SerialDrive):
     # ---- Questions and answers -----------------------------------------------------------------------------------
 
     def _next_question(self) -> Question:
+        return self._feedback
+
+    def _next_aside(self) -> Question | None:
         now_ns = self._link.clock.now_ns()
         if self._slow_ns is None or now_ns - self._slow_ns >= SLOW_PERIOD_NS:
             self._slow_ns = now_ns
-            self._due.extend((self._values.state, self._values.current, next(self._others)))
+            self._due.clear()  # what a lost drive was to be asked
+            self._due.extend((self._values.state, *_CURRENTS * (self._values.current,), next(self._others)))
         if not self._due:
-            return self._feedback
+            return None
         path = self._due.popleft()
         return Question(line(f"r {path}"), _is_value, lambda text, *when: self._on_value(path, text, *when))
 

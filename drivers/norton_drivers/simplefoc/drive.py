@@ -118,7 +118,7 @@ class SimpleFoc(SerialDrive):
             raise self._cannot(value) from error
         target = float(text)
         self._sent.append(target)
-        self._line.send_newest(self._say(text))
+        self._send_command(self._say(text))
         return self._direction * target * self.options.per_target
 
     @property
@@ -185,11 +185,14 @@ class SimpleFoc(SerialDrive):
     # ---- Questions and answers -----------------------------------------------------------------------------------
 
     def _next_question(self) -> Question:
-        now_ns = self._link.clock.now_ns()
-        if self._slow_ns is None or now_ns - self._slow_ns >= SLOW_PERIOD_NS:
-            self._slow_ns = now_ns
-            return self._flag
         return self._state
+
+    def _next_aside(self) -> Question | None:
+        now_ns = self._link.clock.now_ns()
+        if self._slow_ns is not None and now_ns - self._slow_ns < SLOW_PERIOD_NS:
+            return None
+        self._slow_ns = now_ns
+        return self._flag
 
     def _answers_in(self, data: bytes) -> Iterator[tuple[str, int]]:
         for each in self._stream.feed(data):

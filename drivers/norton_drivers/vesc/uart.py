@@ -148,7 +148,7 @@ class VescUart(SerialDrive):
         except CodecError as error:
             raise self._cannot(value) from error
         self._provoked = False
-        self._line.send_newest(self._packet(bytes((self._kind,)) + payload))
+        self._send_command(self._packet(bytes((self._kind,)) + payload))
         return self._direction * sent
 
     @property
