@@ -88,7 +88,7 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     host = None if backend.lock_step else look_at_host(rig, backend.clock)
     seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
     buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
-    lines = check_lines(rig, survey.lines, held_back)
+    lines = check_lines(rig, survey.lines, held_back, exact=backend.lock_step)
     remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
     remarks += [remark for line in lines for remark in line.remarks]
     remarks += [f"port {name}: {words}" for name, words in held_back.items()]

@@ -18,8 +18,14 @@ from norton_drivers.wiring import DeviceSettings
 _ANSWER_NS = 60_000_000
 
 
-def check_lines(rig: Rig, surveys: Mapping[str, LineSurvey], held_back: Mapping[str, str]) -> tuple[LineCheck, ...]:
-    """The lines of the rig's drives; ``held_back`` says of a port what makes its adapter slow."""
+def check_lines(
+    rig: Rig, surveys: Mapping[str, LineSurvey], held_back: Mapping[str, str], *, exact: bool
+) -> tuple[LineCheck, ...]:
+    """The lines of the rig's drives; ``held_back`` says of a port what makes its adapter slow.
+
+    ``exact``: arrivals are those of the bytes; else bytes were found when the loop looked for them, once a tick.
+    """
+    latest_s = (1.0 if exact else 1.5) * rig.tick_s
     result = []
     for settings in rig.wiring.devices():
         declared = amplifier_options(settings.driver, settings.options) if settings.port is not None else None
@@ -35,14 +41,19 @@ def check_lines(rig: Rig, surveys: Mapping[str, LineSurvey], held_back: Mapping[
                 exchange.share_back(rig.tick_s),
                 exchange.greatest_rate_hz,
                 median(delays_s) if delays_s else None,
-                tuple(_remarks(settings, exchange, rig, delays_s, held_back.get(settings.port, ""))),
+                tuple(_remarks(settings, exchange, rig, delays_s, latest_s, held_back.get(settings.port, ""))),
             )
         )
     return tuple(result)
 
 
 def _remarks(
-    settings: DeviceSettings, exchange: Exchange, rig: Rig, delays_s: Sequence[float], held_back: str
+    settings: DeviceSettings,
+    exchange: Exchange,
+    rig: Rig,
+    delays_s: Sequence[float],
+    latest_s: float,
+    held_back: str,
 ) -> Iterator[str]:
     """Why a reading does not come in every tick, and what to do."""
     place, rate_hz = f"[{settings.role}] port {settings.port}", 1 / rig.tick_s
@@ -53,7 +64,7 @@ def _remarks(
             f"{place}: carries a reading in one tick of {ticks}, {rate_hz / ticks:.0f} a second; "
             f'write rate = "{_lower(exchange.greatest_rate_hz)} Hz" for one in every tick{mend}'
         )
-    elif delays_s and (answer_s := median(delays_s)) > rig.tick_s:
+    elif delays_s and (answer_s := median(delays_s)) > latest_s:
         slow = f" ({held_back})" if held_back else ""
         yield (
             f"{place}: answers come {answer_s * 1e3:.2f} ms after their questions, {exchange.round_s * 1e3:.2f} ms of "

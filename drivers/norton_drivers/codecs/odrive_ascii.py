@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LineStream
 
+UNKNOWN: Final = "unknown command"
 INVALID_PROPERTY: Final = "invalid property"
 CLEAR_ERRORS: Final = "sc"
 POSITION_STEP_REV: Final = 1e-6  # %f

@@ -10,9 +10,6 @@ from collections import deque
 from collections.abc import Iterator
 from itertools import cycle
 from math import isclose, pi
-from typing import ClassVar, Final
-
-from pydantic import Field
 
 from norton_drivers.codecs import odrive_ascii as ascii_protocol
 from norton_drivers.codecs.common import CodecError
@@ -21,12 +18,11 @@ from norton_drivers.codecs.odrive_ascii import Told, feedback_in, line, number_i
 from norton_drivers.errors import DeviceError
 from norton_drivers.link import Link
 from norton_drivers.odrive import properties
-from norton_drivers.odrive.axis import ODriveAxisOptions
+from norton_drivers.odrive.options import ODriveUartOptions
 from norton_drivers.odrive.properties import AxisValues
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from norton_drivers.registry import SerialProbe
 from norton_drivers.serial_drive import Question, SerialDrive
-from norton_drivers.serial_timing import Exchange
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
@@ -34,36 +30,18 @@ SLOW_PERIOD_NS = 100_000_000
 SILENT_NS = 350_000_000  # three times that, and a bit
 _CURRENTS = 4  # in that time
 _ANSWER_S = 0.3
-_THINKING_S = 0.2e-3  # bytes are looked for at 8 kHz (interface_uart.cpp)
-_QUESTION_BYTES: Final = len(line("f 0"))
 
 CONNECTION = "serial"
 OPTION_UNITS = {"watchdog": "s", "timeout": "s"}
 
 
-def _version_in(data: bytes) -> str | None:
+def _recognise(data: bytes) -> str | None:
+    """It tells its version; or, where something else stood in its buffer, that it does not know that."""
     told = [number_in(each.text) for each in ascii_protocol.TextStream().feed(data)]
-    return "an ODrive" if told and told[0] is not None else None
+    return "an ODrive" if ascii_protocol.UNKNOWN.encode() in data or any(each is not None for each in told) else None
 
 
-SERIAL_PROBE = SerialProbe(b"\n" + line(f"r {properties.VERSION[1]}"), _version_in)
-
-
-class ODriveUartOptions(ODriveAxisOptions):
-    """What a rig file may say of an ODrive on a serial line."""
-
-    asked: ClassVar[tuple[str, ...]] = ("baud",)
-
-    axis: int = Field(0, ge=0, le=1, description="which motor of the board", examples=[0])
-    baud: int = Field(
-        115_200, ge=0, description="of its UART; 0 on its own USB port, which has none", examples=[921_600]
-    )
-    timeout_s: float = Field(0.02, alias="timeout", gt=0, le=1, description="how long to wait for an answer")
-
-    @property
-    def exchange(self) -> Exchange:
-        longest = ascii_protocol.LONGEST_TORQUE, _QUESTION_BYTES, ascii_protocol.LONGEST_FEEDBACK
-        return Exchange(self.baud, *longest, _THINKING_S)
+SERIAL_PROBE = SerialProbe(b"\n" + line(f"r {properties.VERSION[1]}"), _recognise)
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "ODriveUart":

@@ -7,29 +7,27 @@ host of that needs.
 """
 
 from collections.abc import Callable
-from functools import partial
 from math import isnan, nan
-from random import Random
 
 from norton_drivers.codecs import odrive_ascii as ascii_protocol
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.lines import LineStream
 from norton_drivers.codecs.odrive import ERROR_WATCHDOG, AxisState
 from norton_drivers.codecs.odrive_05 import ERROR_WATCHDOG as WATCHDOG_05
 from norton_drivers.odrive import properties
-from norton_drivers.odrive.uart import ODriveUartOptions
+from norton_drivers.odrive.options import ODriveUartOptions
 from norton_drivers.serial_timing import BITS_PER_BYTE, opened_at
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Watchdog
 from norton_sim.firmware.odrive import ERROR_BAD_CONFIGURATION, ERROR_BITS, ERROR_MISSING_INPUT, SUPPLY_V, ODriveMotor
 from norton_sim.firmware.odrive_05 import CONTROLLER_INVALID_MODE, MOTOR_ERRORS
+from norton_sim.firmware.text_lines import LineServer
 
 LOOK_PERIOD_NS = 125_000
 WARM_PERIOD_NS = 10_000_000
+LONGEST_LINE = 256
 NINE = 9  # characters of a property's value
 VERSIONS = {"0.5": ("0", "5", "6"), "0.6": ("0", "6", "10")}
 HARDWARE = {"0.5": ("3", "6", "56"), "0.6": ("4", "4", "58")}
-UNKNOWN = "unknown command"
 
 
 class ODriveText:
@@ -44,16 +42,14 @@ class ODriveText:
         self._axis = options.axis
         self._names = properties.FIRMWARES[options.firmware]
         self._world = context.world
-        self._random: Random = context.random
         self._watchdog = Watchdog(context.world, self._starve)
         self._byte_ns = BITS_PER_BYTE * 1e9 / opened_at(options.baud)
-        self._free_ns = 0  # one line is dealt with after the other
         self._sent_ns = 0  # when the last response was out
-        self._stream = LineStream(mid_line=False)
         self._board = dict(zip(properties.VERSION, VERSIONS[options.firmware], strict=True))
         self._board |= dict(zip(properties.HARDWARE, HARDWARE[options.firmware], strict=True))
         self._connector = context.serial_connector()
-        self._connector.on_bytes(self._receive)
+        lines = LineServer(context, self._process, least_ns=0, jitter_ns=LOOK_PERIOD_NS, longest=LONGEST_LINE)
+        self._connector.on_bytes(lines.receive)
         context.cyclic(WARM_PERIOD_NS, self._warm_up)
 
     @property
@@ -76,14 +72,9 @@ class ODriveText:
 
     # ---- lines ----
 
-    def _receive(self, data: bytes) -> None:
-        for line in self._stream.feed(data):
-            wait_ns = self._random.randrange(LOOK_PERIOD_NS)
-            self._free_ns = max(self._free_ns, self._world.now_ns + wait_ns)
-            self._world.at(self._free_ns, partial(self._process, line.text))
-
-    def _process(self, data: bytes, _stamp_ns: int) -> None:
-        text, summed = data.partition(b";")[0].decode("ascii", "replace"), b"*" in data
+    def _process(self, data: bytes) -> None:
+        data = data.partition(b";")[0].rstrip()
+        text, summed = data.decode("ascii", "replace"), b"*" in data
         if summed:
             try:
                 text = ascii_protocol.text_in(data)
@@ -114,7 +105,7 @@ class ODriveText:
             "w": self._write,
         }
         try:
-            return answers[word](rest) if word in answers else UNKNOWN
+            return answers[word](rest) if word in answers else ascii_protocol.UNKNOWN
         except (ValueError, IndexError):
             return "invalid command format"
 

@@ -8,8 +8,6 @@ by targets alone.
 """
 
 from collections.abc import Callable
-from functools import partial
-from random import Random
 from struct import pack, unpack
 from typing import cast
 
@@ -17,6 +15,7 @@ from norton_drivers.codecs.simplefoc import COMMAND_MAX, CONTROLLERS, MotorState
 from norton_drivers.simplefoc.options import SimpleFocOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
+from norton_sim.firmware.text_lines import LineServer
 from norton_sim.plant import Machine
 
 LOOP_PERIOD_NS = 100_000
@@ -37,7 +36,6 @@ class SimpleFocMotor:
         self._world = context.world
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
-        self._random: Random = context.random
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * context.truth.driven(self._machine).torque_constant_nm_a
         self._target = 0.0
         self._controller, self._torque = CONTROLLERS["voltage"][0], False  # a sketch that begins with another motion
@@ -45,10 +43,9 @@ class SimpleFocMotor:
         self._verbosity, self._decimals = WORDS, DECIMALS
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
-        self._line = b""
-        self._free_ns = 0  # one line is dealt with after the other
         self._connector = context.serial_connector()
-        self._connector.on_bytes(self._receive)
+        lines = LineServer(context, self._run, least_ns=PRINTING_NS, jitter_ns=LOOP_PERIOD_NS, longest=COMMAND_MAX)
+        self._connector.on_bytes(lines.receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if options.mode == "voltage":
             context.cyclic(LOOP_PERIOD_NS, lambda _stamp_ns: self._drive())
@@ -67,18 +64,8 @@ class SimpleFocMotor:
 
     # ---- lines ----
 
-    def _receive(self, data: bytes) -> None:
-        for byte in data:
-            self._line += bytes((byte,))
-            if byte in b"\r\n":
-                wait_ns = self._random.randrange(LOOP_PERIOD_NS) + PRINTING_NS
-                self._free_ns = max(self._free_ns, self._world.now_ns + wait_ns)
-                self._world.at(self._free_ns, partial(self._run, self._line[:-1].decode("latin-1")))
-                self._line = b""
-            elif len(self._line) >= COMMAND_MAX:
-                self._line = b""
-
-    def _run(self, text: str, _stamp_ns: int) -> None:
+    def _run(self, line: bytes) -> None:
+        text = line.decode("latin-1")
         word, rest = text[:1], text[1:]
         if word == "?":
             self._print(f"{self._options.letter}:motor")

@@ -13,7 +13,7 @@ from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs import vesc_uart
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc_uart import PacketStream, Say, Value
-from norton_drivers.vesc.uart import VescUartOptions
+from norton_drivers.vesc.options import VescUartOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault
 from norton_sim.firmware.vesc_motor import SUPPLY_V, VERSION, VescMotor
