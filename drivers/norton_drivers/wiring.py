@@ -85,6 +85,15 @@ class DeviceOptions(BaseModel):
     # Options whose default is often not right: who writes a new rig file is asked for them.
     asked: ClassVar[tuple[str, ...]] = ()
 
+    # Options that come first in questions and lists although a base class has others: where the device is.
+    first: ClassVar[tuple[str, ...]] = ("node",)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_settings: Any) -> None:
+        fields = cls.__pydantic_fields__
+        for name in [name for name in fields if name not in cls.first]:
+            fields[name] = fields.pop(name)
+
     @property
     def command_unit(self) -> str | None:
         """The unit of its commands as these options set it; None where only the open device tells."""

@@ -173,6 +173,25 @@ def _connections(draft: Draft) -> Found:
             yield f"{where} bus", f'"{device.bus}" is not defined (known: {known}); add a section [bus.{device.bus}]'
 
 
+def _kinds_of_line(draft: Draft) -> Found:
+    """A maker's drives on CAN and on serial lines have drivers of their own: ``vesc`` and ``vesc_uart``."""
+    for role, device in draft.devices().items():
+        group = registry.group_of(role)
+        takes = declared_by(group, device.driver).connection if device.driver in registry.names(group) else None
+        if (
+            takes is None
+            or (device.bus is None) == (device.port is None)
+            or (takes == "can") == (device.bus is not None)
+        ):
+            continue
+        other = f"{device.driver}_uart" if takes == "can" else device.driver.removesuffix("_uart")
+        mend = 'bus = "can0"' if takes == "can" else 'port = "/dev/ttyUSB0"'
+        if other != device.driver and other in registry.names(group):
+            mend = f'driver = "{other}", or {mend}'
+        where, line = ("port", "CAN") if takes == "can" else ("bus", "a serial line")
+        yield f"[{role}] {where}", f'driver = "{device.driver}" is for a device on {line}; write {mend}'
+
+
 def _unused_buses(draft: Draft) -> Found:
     written = (draft.written.get(role) for role in DEVICES)
     used = [table.get("bus") for table in written if isinstance(table, dict)]
@@ -272,8 +291,8 @@ def _lines(draft: Draft) -> Found:
         yield (
             "[rig] rate",
             f"{draft.rig.rate_hz:g} Hz is more than the line of [{role}] carries {line}: at most {greatest_hz:.0f} Hz "
-            f'with a reading in every tick; write rate = "{int(greatest_hz / 10) * 10} Hz", or raise the baud rate in '
-            f"the drive and in [{role}]",
+            f'with a reading in every tick; write rate = "{int(greatest_hz / 10) * 10} Hz"'
+            + (f", or raise baud in the drive and in [{role}] (0 on its own USB port)" if baud else ""),
         )
 
 
@@ -367,6 +386,7 @@ def _range_nm(draft: Draft) -> float:
 CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _needed_devices,
     _connections,
+    _kinds_of_line,
     _unused_buses,
     _shared_addresses,
     _interfaces,

@@ -33,6 +33,23 @@ def test_a_line_that_cannot_serve_the_rate_is_refused() -> None:
     assert re.search(r'write rate = "\d+ Hz"', str(caught.value))
 
 
+@pytest.mark.parametrize(
+    ("path", "change", "words"),
+    [
+        (
+            VESC,
+            ('driver = "vesc_uart"', 'driver = "vesc"'),
+            'is for a device on CAN; write driver = "vesc_uart", or bus',
+        ),
+        (RIGS / "sim-vesc.toml", ('driver = "vesc"', 'driver = "vesc_uart"'), 'write driver = "vesc", or port'),
+    ],
+)
+def test_the_other_kind_of_line(path: Path, change: tuple[str, str], words: str) -> None:
+    with pytest.raises(RigError) as caught:
+        parse_rig(path.read_text().replace(*change), place="rig.toml")
+    assert words in str(caught.value)
+
+
 def test_a_line_that_serves_every_other_tick_is_remarked() -> None:
     text = VESC.read_text().replace("baud = 921600", "baud = 115200")
     result = check_rig(parse_rig(text, place="rig.toml", backend="simulated"), seed=1)
