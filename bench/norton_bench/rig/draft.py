@@ -10,6 +10,7 @@ from norton_bench.errors import nearest
 from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
+from norton_bench.rig.lines import overfull_lines, wrong_kinds
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,
@@ -174,22 +175,7 @@ def _connections(draft: Draft) -> Found:
 
 
 def _kinds_of_line(draft: Draft) -> Found:
-    """A maker's drives on CAN and on serial lines have drivers of their own: ``vesc`` and ``vesc_uart``."""
-    for role, device in draft.devices().items():
-        group = registry.group_of(role)
-        takes = declared_by(group, device.driver).connection if device.driver in registry.names(group) else None
-        if (
-            takes is None
-            or (device.bus is None) == (device.port is None)
-            or (takes == "can") == (device.bus is not None)
-        ):
-            continue
-        other = f"{device.driver}_uart" if takes == "can" else device.driver.removesuffix("_uart")
-        mend = 'bus = "can0"' if takes == "can" else 'port = "/dev/ttyUSB0"'
-        if other != device.driver and other in registry.names(group):
-            mend = f'driver = "{other}", or {mend}'
-        where, line = ("port", "CAN") if takes == "can" else ("bus", "a serial line")
-        yield f"[{role}] {where}", f'driver = "{device.driver}" is for a device on {line}; write {mend}'
+    return wrong_kinds(draft.devices())
 
 
 def _unused_buses(draft: Draft) -> Found:
@@ -278,22 +264,8 @@ def _lost_answers(draft: Draft) -> Found:
 
 
 def _lines(draft: Draft) -> Found:
-    """A drive's serial line must carry a command in every tick, and readings often enough to be of use."""
-    for role, device in draft.devices().items() if draft.rig is not None else ():
-        options = draft.options.get(role, {})
-        declared = amplifier_options(device.driver, options) if device.port and role in FITTED else None
-        exchange = declared.exchange if declared is not None else None
-        if exchange is None or draft.rig is None or exchange.serves(1 / draft.rig.rate_hz):
-            continue
-        baud = options.get("baud", exchange.baud)
-        line = f"at {baud} baud" if baud else "on USB"
-        greatest_hz = exchange.greatest_rate_hz
-        yield (
-            "[rig] rate",
-            f"{draft.rig.rate_hz:g} Hz is more than the line of [{role}] carries {line}: at most {greatest_hz:.0f} Hz "
-            f'with a reading in every tick; write rate = "{int(greatest_hz / 10) * 10} Hz"'
-            + (f", or raise baud in the drive and in [{role}] (0 on its own USB port)" if baud else ""),
-        )
+    if draft.rig is not None:
+        yield from overfull_lines(draft.devices(), draft.options, draft.rig.rate_hz)
 
 
 def _torque_limits(draft: Draft) -> Found:
