@@ -16,7 +16,7 @@ def wrong_kinds(devices: Mapping[str, DeviceSection]) -> Found:
         group = registry.group_of(role)
         takes = declared_by(group, device.driver).connection if device.driver in registry.names(group) else None
         on_bus = device.bus is not None
-        if takes is None or on_bus == (device.port is not None) or (takes == "can") == on_bus:
+        if takes is None or on_bus in (device.port is not None, takes == "can"):
             continue
         other = f"{device.driver}_uart" if takes == "can" else device.driver.removesuffix("_uart")
         mend = 'bus = "can0"' if takes == "can" else 'port = "/dev/ttyUSB0"'
