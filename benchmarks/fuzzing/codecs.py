@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from random import Random
 from typing import Protocol
 
-from . import canopen_objects, drivers_on_can, sensors_on_serial, slcan
+from . import canopen_objects, drivers_on_can, drives_on_serial, sensors_on_serial, slcan
 from .outcome import Outcome
 from .packets import PacketCodec
 
@@ -20,6 +20,9 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "cia402": canopen_objects.process_data,
     "vesc": drivers_on_can.vesc_status,
     "vesc-packets": PacketCodec,
+    "vesc-uart": drives_on_serial.vesc_values,
+    "odrive-ascii": drives_on_serial.odrive_feedback,
+    "simplefoc": drives_on_serial.simplefoc_states,
     "mit": drivers_on_can.mit_replies,
     "dbc": drivers_on_can.dbc,
     "bota": sensors_on_serial.bota_frames,

@@ -11,7 +11,7 @@ from typing import Any
 import can
 import serial
 
-from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial, serial_mend
+from norton_drivers.adapters.serial_line import EagerSocket, LowLatencySerial, hurry, serial_mend
 from norton_drivers.adapters.table import open_bus
 from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.ports import CanPort, Clock, MonotonicClock, SerialLine, SerialPort
@@ -114,7 +114,10 @@ def _eager(port: str, line: serial.Serial) -> SerialLine:
     """The line as a loop wants it, where it has a descriptor of its own."""
     if os.name != "posix" or ("://" in port and not port.startswith("socket://")):
         return line
-    return EagerSocket(line) if "://" in port else LowLatencySerial(line)
+    if "://" in port:
+        return EagerSocket(line)
+    hurry(line)
+    return LowLatencySerial(line)
 
 
 def _is_pseudo_terminal(port: str) -> bool:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Final, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from norton_drivers.errors import WiringError
+from norton_drivers.serial_timing import Exchange
 from norton_drivers.servo import Servo
 
 
@@ -84,6 +85,15 @@ class DeviceOptions(BaseModel):
     # Options whose default is often not right: who writes a new rig file is asked for them.
     asked: ClassVar[tuple[str, ...]] = ()
 
+    # Options that come first in questions and lists although a base class has others: where the device is.
+    first: ClassVar[tuple[str, ...]] = ("node",)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_settings: Any) -> None:
+        fields = cls.__pydantic_fields__
+        for name in [name for name in fields if name not in cls.first]:
+            fields[name] = fields.pop(name)
+
     @property
     def command_unit(self) -> str | None:
         """The unit of its commands as these options set it; None where only the open device tells."""
@@ -110,6 +120,11 @@ class DeviceOptions(BaseModel):
     @property
     def servo(self) -> Servo | None:
         """The drive's own position loop, where its commands are positions."""
+        return None
+
+    @property
+    def exchange(self) -> Exchange | None:
+        """What crosses the serial line of a drive that has one of its own; None for what is on a bus, or streams."""
         return None
 
     @property

@@ -65,11 +65,35 @@ class TestODriveAsLoad(AmplifierContract):
         return simulated("sim-odrive.toml", "load", direction)
 
 
+class TestODriveUart(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "actuator", direction)
+
+
+class TestODriveUart05(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "load", direction)
+
+
 class TestVesc(AmplifierContract):
     lets_go_at_zero = True
 
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-vesc.toml", "actuator", direction)
+
+
+class TestVescUart(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-vesc-uart.toml", "actuator", direction)
+
+
+class TestSimpleFoc(AmplifierContract):
+    command_resolution = 1e-5  # the last of the decimals on its line
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-simplefoc.toml", "actuator", direction)
 
 
 class TestMit(AmplifierContract):

@@ -75,6 +75,23 @@ class BusCheck:
 
 
 @dataclass(frozen=True)
+class LineCheck:
+    """The serial line of one drive: how busy the rig's loop makes it, and how often it lets the drive be read.
+
+    ``answer_s`` is the median time from a question to the first bytes after it; None where none was seen.
+    """
+
+    role: str
+    port: str
+    baud: int  # 0 for a USB port of the drive's own
+    share_there: float  # of what it carries, at the rig's rate
+    share_back: float
+    greatest_rate_hz: float  # of a loop with a reading in every tick, as far as the line goes
+    answer_s: float | None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class HostCheck:
     """This computer: whether the loop may run in real time, and how late it wakes up [s]."""
 
@@ -90,6 +107,7 @@ class RigCheck:
 
     devices: tuple[DeviceCheck, ...]
     buses: tuple[BusCheck, ...] = ()
+    lines: tuple[LineCheck, ...] = ()
     host: HostCheck | None = None
     moved: tuple[str, ...] = ()  # what was found when the shaft was moved
     whole: tuple[Problem, ...] = ()  # of no single device or bus
@@ -206,16 +224,33 @@ def _answers_to(question: RawFrame, after: Iterable[RawFrame], answers: Sequence
 
 
 @dataclass
+class LineSurvey:
+    """One serial line: how many bytes came, and how long each question waited for the first of them [s]."""
+
+    bytes_heard: int = 0
+    delays_s: deque[float] = field(default_factory=lambda: deque(maxlen=_QUESTIONS))
+    _asked_ns: int | None = None
+
+    def note(self, frame: RawFrame) -> None:
+        if frame.sent:
+            self._asked_ns = frame.stamp_ns
+            return
+        self.bytes_heard += len(frame.data)
+        if self._asked_ns is not None:
+            self.delays_s.append((frame.stamp_ns - self._asked_ns) * 1e-9)
+            self._asked_ns = None
+
+
+@dataclass
 class Survey:
     """All buses and ports; :meth:`note` is the link's tap."""
 
     buses: dict[str, BusSurvey] = field(default_factory=lambda: defaultdict(BusSurvey))
-    bytes_heard: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    lines: dict[str, LineSurvey] = field(default_factory=lambda: defaultdict(LineSurvey))
 
     def note(self, frame: RawFrame) -> None:
         if frame.arbitration_id == _SERIAL:
-            if not frame.sent:
-                self.bytes_heard[frame.channel] += len(frame.data)
+            self.lines[frame.channel].note(frame)
         elif not frame.arbitration_id & ERROR_FRAME:  # those are counted by the port
             self.buses[frame.channel].note(frame)
 

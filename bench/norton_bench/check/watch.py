@@ -69,8 +69,8 @@ def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watche
     return result
 
 
-def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | None:
-    """Listen for ``watch_s``; returns what ended it early: a bus or port that was lost."""
+def watch(watched: Sequence[Watched], link: Link, watch_s: float, tick_ns: int) -> Problem | None:
+    """Listen for ``watch_s``, as often as the loop will; returns what ended it early: a bus or port that was lost."""
     for each in watched:
         for take in each.takes.values():
             take()  # what came while the others were asked is no sign of a steady rate
@@ -78,7 +78,7 @@ def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | N
     try:
         link.ask_adapters()
         while link.clock.now_ns() < end_ns:
-            link.wait(POLL_NS)
+            link.wait(tick_ns)
             for each in watched:
                 _take(each, link.clock.now_ns())
     except DeviceError as error:
@@ -260,7 +260,7 @@ def explain_noise(
     """
     if not bytes_heard:
         return error
-    place, used = f"[{settings.role}] {settings.driver} on {settings.port}", _baud_of(settings)
+    place, used = f"[{settings.role}] {settings.driver} on {settings.port}", baud_of(settings)
     if used is None:
         return DeviceTimeoutError(f"{place}: {bytes_heard} bytes came, but nothing that is its; is driver right?")
     result = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
@@ -272,7 +272,7 @@ def explain_noise(
     return DeviceTimeoutError(f"{place}: it speaks at {result} baud, not at {used}: set {OPTION} = {result}")
 
 
-def _baud_of(settings: DeviceSettings) -> int | None:
+def baud_of(settings: DeviceSettings) -> int | None:
     """What the rig file says, else the driver's default; None for a driver that has no such option."""
     group = group_of(settings.role)
     model = declared_by(group, settings.driver).model

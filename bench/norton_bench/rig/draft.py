@@ -10,6 +10,7 @@ from norton_bench.errors import nearest
 from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
+from norton_bench.rig.lines import overfull_lines, wrong_kinds
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,
@@ -173,6 +174,10 @@ def _connections(draft: Draft) -> Found:
             yield f"{where} bus", f'"{device.bus}" is not defined (known: {known}); add a section [bus.{device.bus}]'
 
 
+def _kinds_of_line(draft: Draft) -> Found:
+    return wrong_kinds(draft.devices())
+
+
 def _unused_buses(draft: Draft) -> Found:
     written = (draft.written.get(role) for role in DEVICES)
     used = [table.get("bus") for table in written if isinstance(table, dict)]
@@ -256,6 +261,11 @@ def _lost_answers(draft: Draft) -> Found:
             f"{timeout_s * 1e3:g} ms is not below [limits] stale_after = {draft.limits.stale_after_s * 1e3:g} ms: one "
             "lost answer would end the experiment; shorten timeout or lengthen stale_after",
         )
+
+
+def _lines(draft: Draft) -> Found:
+    if draft.rig is not None:
+        yield from overfull_lines(draft.devices(), draft.options, draft.rig.rate_hz)
 
 
 def _torque_limits(draft: Draft) -> Found:
@@ -348,12 +358,14 @@ def _range_nm(draft: Draft) -> float:
 CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _needed_devices,
     _connections,
+    _kinds_of_line,
     _unused_buses,
     _shared_addresses,
     _interfaces,
     _timing,
     _stall,
     _lost_answers,
+    _lines,
     _torque_limits,
     _twist,
     _command_limit,

@@ -10,6 +10,7 @@ import os
 import socket
 import struct
 import sys
+from contextlib import suppress
 
 import serial
 
@@ -31,6 +32,17 @@ def serial_mend(error: BaseException | None) -> str:
     if errno.ENOENT in numbers:
         return "is it plugged in? `norton-bench devices` lists what is"
     return "is it a serial port, plugged in and free, and may this user open it (group dialout)?"
+
+
+def hurry(line: serial.Serial) -> None:
+    """Let a USB adapter hand bytes on at once, where its Linux driver heeds that: FTDI's then waits for 1 ms, not 16.
+
+    Source: Linux, drivers/usb/serial/ftdi_sio.c (``write_latency_timer``, ``ASYNC_LOW_LATENCY``), which any user who
+    has the port open may set. Other adapters have no such timer, or do not tell.
+    """
+    if hasattr(line, "set_low_latency_mode"):
+        with suppress(OSError, ValueError):
+            line.set_low_latency_mode(True)
 
 
 COUNT = struct.Struct("i")

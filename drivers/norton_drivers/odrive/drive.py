@@ -9,7 +9,7 @@ drive's positive sense, times ``direction``."""
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import frexp, isnan, ldexp, nan, pi
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, Final, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -20,9 +20,10 @@ from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_06 import describe_axis_state
-from norton_drivers.drive_base import DriveBase, FedWatchdog
+from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
+from norton_drivers.odrive.axis import ODriveAxisOptions
 from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import (
@@ -34,7 +35,7 @@ from norton_drivers.readings import (
     Unwrapped,
 )
 from norton_drivers.registry import Recognised
-from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
+from norton_drivers.wiring import DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
 _FLOAT32_BITS = 24
@@ -74,26 +75,13 @@ def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised |
     return Recognised(_DEVICE, says, {"node": node}, sure=heartbeat, from_host=number in _COMMANDS)
 
 
-class ODriveOptions(DeviceOptions):
-    """What a rig file may say of an ODrive."""
-
-    command_units: ClassVar = {"N*m": {}}
+class ODriveOptions(ODriveAxisOptions):
+    """What a rig file may say of an ODrive on CAN."""
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the drive's CAN node id, 0 to 63", examples=[1])
-    firmware: str = Field("0.6", description="the firmware's version, 0.5 or 0.6", examples=["0.6"])
-    watchdog_s: FedWatchdog = Field(
-        0.1,
-        alias="watchdog",
-        ge=0,
-        le=10,
-        description="silence that makes the drive stop, with firmware 0.5 as it is set in the drive; "
-        '"0 s" leaves the drive\'s watchdog as it is',
-        examples=["100 ms"],
-    )
     heartbeat_s: float = Field(
         0.1, alias="heartbeat", gt=0, le=10, description="the drive's heartbeat period", examples=["100 ms"]
     )
-    counts_per_turn: int = Field(0, ge=0, description="encoder counts per turn; 0 where unknown", examples=[16384])
     position: Literal["turns", "counts"] = Field(
         "turns", description='what positions are made from: estimates, or, exact however far it turns, "counts"'
     )
@@ -104,13 +92,6 @@ class ODriveOptions(DeviceOptions):
     enable_watchdog_endpoint: int = Field(
         odrive_06.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
-
-    @field_validator("firmware")
-    @classmethod
-    def _is_supported(cls, firmware: str) -> str:
-        if firmware not in DIALECTS:
-            raise ValueError('firmware "0.5" and "0.6" are spoken here; update the drive')
-        return firmware
 
     @field_validator("position")
     @classmethod

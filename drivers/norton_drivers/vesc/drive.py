@@ -10,8 +10,7 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 
 from collections.abc import Callable
 from contextlib import suppress
-from math import isfinite, nan
-from typing import ClassVar, Literal
+from math import nan
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -24,56 +23,23 @@ from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.vesc.messages import VescQueries, VescShaft, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
+from norton_drivers.vesc.messages import VescQueries, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.vesc.motor import MOTOR_UNITS, TIMEOUT_LOOK_S, SeenFaults, VescMotorOptions, VescShaft
+from norton_drivers.wiring import DeviceSettings, parse_options
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
 _MOTOR_CONTROLLER = 0
-TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
+_CODES_PER_TURN = 18_000  # of the angle in STATUS_4
 
 CONNECTION = "can"
 BITRATE = "500 kbit/s"  # as it is delivered: appconf_default.h, APPCONF_CAN_BAUD_RATE
-OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
+OPTION_UNITS = {**MOTOR_UNITS, "watchdog_probe": "A"}
 
 
-class VescOptions(DeviceOptions):
-    """What a rig file may say of a VESC."""
-
-    asked: ClassVar = ("mode", "position", "minimum_current")
-    command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
+class VescOptions(VescMotorOptions):
+    """What a rig file may say of a VESC on CAN."""
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
-    pole_pairs: int = Field(
-        ge=1, description="pairs of magnet poles of the motor: the drive counts electrical turns", examples=[7]
-    )
-    mode: Literal["current", "torque", "duty"] = Field(
-        "current", description='what is commanded: "current" [A], "torque" [N*m] or "duty" (share of the supply)'
-    )
-    torque_constant_nm_a: float | None = Field(
-        None,
-        alias="torque_constant",
-        gt=0,
-        validate_default=True,
-        description='the motor\'s, with mode = "torque": the current for a torque is worked out with it',
-        examples=["0.05 N*m/A"],
-    )
-    position: Literal["encoder", "tachometer"] = Field(
-        "encoder", description="the shaft's position comes from STATUS_4 (encoder) or STATUS_5 (tachometer, coarse)"
-    )
-    minimum_current_a: float = Field(
-        0.05,
-        alias="minimum_current",
-        ge=0,
-        description="the drive's own Minimum Current: below it the motor is let go of",
-        examples=["0.05 A"],
-    )
-    watchdog_s: float = Field(
-        1.0,
-        alias="watchdog",
-        ge=0,
-        description="the timeout set in the drive (App Settings, General)",
-        examples=["1 s"],
-    )
     watchdog_probe_a: float = Field(
         0.0,
         alias="watchdog_probe",
@@ -82,26 +48,6 @@ class VescOptions(DeviceOptions):
         examples=["0.3 A"],
     )
     host_node: int = Field(254, ge=0, le=protocol.NODE_MAX, description="the VESC ID that this computer answers to")
-
-    @property
-    def per_ampere(self) -> float:
-        """The command that one ampere is."""
-        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
-
-    @property
-    def dead_band(self) -> float:
-        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
-
-    @property
-    def released_at_zero(self) -> bool:
-        return self.dead_band > 0.0
-
-    @field_validator("torque_constant_nm_a")
-    @classmethod
-    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
-        if constant is None and info.data.get("mode") == "torque":
-            raise ValueError('mode = "torque" needs it')
-        return constant
 
     @field_validator("watchdog_probe_a")
     @classmethod
@@ -135,7 +81,10 @@ class Vesc(DriveBase):
         self._port = port
         self._link = link
         self._queries = VescQueries(options.node, options.host_node, port, link.clock)
-        self._shaft = VescShaft(options.pole_pairs, encoder=options.position == "encoder")
+        pole_pairs, encoder = options.pole_pairs, options.position == "encoder"
+        self._shaft = (
+            VescShaft.by_encoder(pole_pairs, _CODES_PER_TURN) if encoder else VescShaft.by_tachometer(pole_pairs)
+        )
         self._undecoded = 0
         self._frame = protocol.Status(0.0, 0.0, 0.0)
         self._frames = 0  # of STATUS
@@ -143,7 +92,7 @@ class Vesc(DriveBase):
         self._temperatures = protocol.Status4(nan, nan, nan, nan)
         self._supply_v = nan
         self._enabled = False
-        self._faults: tuple[str, ...] = ()  # since it was enabled
+        self._faults = SeenFaults()
         self._released_from = 0  # the count of STATUS that first tells what became of the last stop
         self._probe_flowed = False
         packet = Packet.SET_DUTY if options.mode == "duty" else Packet.SET_CURRENT
@@ -179,7 +128,8 @@ class Vesc(DriveBase):
     def enable(self, timeout_s: float = 2.0) -> None:
         """See that there is no fault, and command zero; there is no state to enter."""
         queries, told = self._queries, self._queries.faults_told
-        self._enabled, self._faults, self._status = False, (), None
+        self._enabled, self._status = False, None
+        self._faults.forget()
         faultless = wait_until(lambda: queries.faults_told > told and not queries.fault, self._link, timeout_s)
         if queries.faults_told == told:
             raise DeviceTimeoutError(f"{self._place}: does not tell its fault code ({timeout_s:g} s waited)")
@@ -196,7 +146,7 @@ class Vesc(DriveBase):
         Raises ConnectionFailedError, DeviceError.
         """
         try:
-            payload, sent = self._encoded(self._direction * value)
+            payload, sent = self.options.encoded(self._direction * value)
         except CodecError as error:
             raise DeviceError(f"{self._place}: cannot command {value} {self.command_unit}") from error
         self._port.send(self._command_id, payload, extended=True)
@@ -235,18 +185,6 @@ class Vesc(DriveBase):
             self._send_current(0.0)
 
     # ---- What is sent --------------------------------------------------------------------------------------------
-
-    def _encoded(self, value: float) -> tuple[bytes, float]:
-        """The payload, and what it stands for in the command's unit; both in the drive's own sense."""
-        if self.options.mode == "duty":
-            payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
-            return payload, protocol.duty_of(payload)
-        per_ampere = self.options.per_ampere
-        current_a = value / per_ampere
-        if abs(current_a) < self.options.minimum_current_a:
-            current_a = 0.0  # the drive lets go of the motor
-        payload = protocol.current_value(current_a)
-        return payload, protocol.current_of(payload) * per_ampere
 
     def _send_current(self, current_a: float) -> None:
         self._port.send(self._current_id, protocol.current_value(current_a), extended=True)
@@ -288,7 +226,7 @@ class Vesc(DriveBase):
         return DriveStatus(
             state=self._state(),
             heartbeat_ns=min(self._frame_ns, self._queries.fault_ns) if self._heard else None,
-            errors=self._errors(),
+            errors=self._faults.words(),
             transistor_temperature_c=self._temperatures.transistor_c,
             motor_temperature_c=self._temperatures.motor_c,
             bus_voltage_v=self._supply_v,
@@ -297,15 +235,10 @@ class Vesc(DriveBase):
     def _state(self) -> DriveState:
         if not self._heard:
             return DriveState.UNKNOWN
-        if self._faults or self._queries.fault:
+        if self._faults.words():
             return DriveState.FAULT
         driving = self._frames < self._released_from or self._frame.drawn_a != 0.0
         return DriveState.ENABLED if self._enabled or driving else DriveState.IDLE
-
-    def _errors(self) -> tuple[str, ...]:
-        if self._faults or not self._queries.fault:
-            return self._faults
-        return (describe_fault(self._queries.fault),)
 
     @property
     def _probe_flows(self) -> bool:
@@ -367,6 +300,4 @@ class Vesc(DriveBase):
 
     def _on_fault_told(self) -> None:
         self._status = None
-        words = describe_fault(self._queries.fault)
-        if self._queries.fault and self._enabled and words not in self._faults:
-            self._faults = (*self._faults, words)
+        self._faults.tell(self._queries.fault, kept=self._enabled)

@@ -10,15 +10,18 @@ from norton_sim.world import Firmware
 FIRMWARE = {
     "odrive": ("odrive", "ODriveAxis"),
     "odrive 0.5": ("odrive_05", "ODrive05Axis"),
+    "odrive_uart": ("odrive_uart", "ODriveText"),
     "cia402": ("cia402", "Cia402Drive"),
     "mit": ("mit", "MitMotor"),
     "vesc": ("vesc", "VescController"),
+    "vesc_uart": ("vesc_uart", "VescSerial"),
     "ascii": ("serial_sensors", "AsciiSensor"),
     "bota": ("bota", "BotaSensor"),
     "canopen": ("can_sensors", "CanopenSensor"),
     "celsius": ("serial_sensors", "CelsiusProbe"),
     "dbc": ("can_sensors", "DbcSensor"),
     "dyn200": ("dyn200", "Dyn200Sensor"),
+    "simplefoc": ("simplefoc", "SimpleFocMotor"),
     "mantracourt": ("serial_sensors", "MantracourtSensor"),
 }
 DRIVERS = tuple(sorted(driver for driver in FIRMWARE if " " not in driver))
