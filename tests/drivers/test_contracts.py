@@ -79,6 +79,13 @@ class TestMit(AmplifierContract):
         return simulated("sim-mit.toml", "actuator", direction)
 
 
+class TestDamiao(AmplifierContract):
+    command_resolution = 0.5e-3  # half a step: exactly zero cannot be sent
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-damiao.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

@@ -22,7 +22,7 @@ CODES = 1 << 12  # of velocity, torque, and either gain
 _LAST_SHORT = CODES - 1
 _COMMAND_LENGTH = 8
 _REPLY_LENGTHS = (6, 7, 8)
-_SPECIAL = b"\xff" * 7
+SPECIAL_HEAD = b"\xff" * 7
 
 NO_ERROR = 0
 _ERRORS = (
@@ -34,6 +34,7 @@ _ERRORS = (
     "encoder fault",
     "phase currents unbalanced: the hardware may be damaged",
 )
+ERRORS_MAX = len(_ERRORS) - 1
 
 
 class Special(IntEnum):
@@ -44,12 +45,12 @@ class Special(IntEnum):
     ZERO = 0xFE  # here is zero, from now on
 
     def encode(self) -> bytes:
-        return _SPECIAL + bytes((self,))
+        return SPECIAL_HEAD + bytes((self,))
 
 
 def special_of(data: bytes | bytearray) -> Special | None:
     """Which special frame this is; None for a command."""
-    if len(data) != _COMMAND_LENGTH or data[:7] != _SPECIAL:
+    if len(data) != _COMMAND_LENGTH or data[:7] != SPECIAL_HEAD:
         return None
     return next((special for special in Special if special == data[7]), None)
 
@@ -130,4 +131,6 @@ class Reply(NamedTuple):
 
 def describe_error(error: int) -> str:
     """CubeMars' error byte in words; unknown numbers are said as such."""
-    return _ERRORS[error] if error < len(_ERRORS) else f"unknown error {error}"
+    if error <= ERRORS_MAX:
+        return _ERRORS[error]
+    return f'unknown error {error}; a Damiao motor (driver = "damiao") has a temperature in its place'

@@ -5,7 +5,7 @@ from typing import Any
 
 import can
 
-from norton_drivers.codecs.mit import CODES, Reply, Special
+from norton_drivers.codecs.mit import CODES, ERRORS_MAX, Reply, Special
 from norton_drivers.readings import RawFrame
 from norton_drivers.registry import Question, Recognised, nobodys
 
@@ -21,15 +21,21 @@ def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | 
     if message.is_extended_id or message.is_remote_frame or message.dlc not in _REPLY_LENGTHS:
         return None
     reply, master = Reply.decode(message.data), message.arbitration_id
+    if reply.error is not None and reply.error > ERRORS_MAX:
+        return None  # a Damiao's, where a temperature is in its place
     if master == options.get("master", 0):
         return Recognised(_DEVICE, "reply", {"node": reply.node})
-    return Recognised(_DEVICE, "reply", {"node": reply.node, "master": master}) if _rests(reply) else None
+    return (
+        Recognised(_DEVICE, "reply", {"node": reply.node, "master": master})
+        if rests(reply.velocity_code, reply.torque_code)
+        else None
+    )
 
 
-def _rests(reply: Reply) -> bool:
+def rests(velocity_code: int, torque_code: int) -> bool:
     """As hardly any frame of another device looks by chance."""
     middle = CODES // 2
-    velocity, torque = abs(reply.velocity_code - middle), abs(reply.torque_code - middle)
+    velocity, torque = abs(velocity_code - middle), abs(torque_code - middle)
     return velocity <= _REST_VELOCITY_CODES and torque <= _REST_TORQUE_CODES
 
 
