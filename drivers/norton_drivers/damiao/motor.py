@@ -9,7 +9,6 @@ app_commands.c (enabled only without a fault; a command is kept for it), safety.
 motor_control.c (its readings of velocity and torque are filtered).
 """
 
-from collections.abc import Callable
 from math import isclose
 from typing import ClassVar
 
@@ -22,13 +21,12 @@ from norton_drivers.codecs.damiao import Feedback, Operation, Register, Register
 from norton_drivers.codecs.ranges import Ranges
 from norton_drivers.damiao.options import UNFILTERED_HZ, DamiaoOptions
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
-from norton_drivers.link import Link, wait_until
+from norton_drivers.link import Link
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.spoken_to.drive import Addressed, Answer, SpokenToDrive
 from norton_drivers.wiring import DeviceSettings
 
-ASKED_AGAIN_NS = 20_000_000
 _AGREES = 1e-5  # of two numbers, one of them a float32
 
 
@@ -65,8 +63,8 @@ class Damiao(SpokenToDrive):
     def _ask(self, operation: Operation, register: Register, raw: bytes, timeout_s: float) -> RegisterFrame:
         """Raises DeviceTimeoutError where no answer comes."""
         self._awaited, self._answered = (operation, register), None
-        ask = self._asking(RegisterFrame(self.options.node, operation, register, raw).encode())
-        arrived = wait_until(lambda: self._answered is not None, self._link, timeout_s, ask)
+        question = protocol.REGISTERS_ID, RegisterFrame(self.options.node, operation, register, raw).encode()
+        arrived = self._inquire(question, lambda: self._answered is not None, timeout_s)
         answered: RegisterFrame | None = self._answered
         self._awaited = None
         if not arrived or answered is None:
@@ -76,19 +74,6 @@ class Damiao(SpokenToDrive):
                 'firmware; a motor in plain MIT mode has driver = "mit"'
             )
         return answered
-
-    def _asking(self, question: bytes) -> Callable[[], None]:
-        """What asks now, and again where an answer may have been lost."""
-        asked_ns: int | None = None
-
-        def ask() -> None:
-            nonlocal asked_ns
-            now_ns = self._link.clock.now_ns()
-            if asked_ns is None or now_ns - asked_ns >= ASKED_AGAIN_NS:
-                asked_ns = now_ns
-                self._send(protocol.REGISTERS_ID, question)
-
-        return ask
 
     def _compare(self, timeout_s: float) -> None:
         """Raises DeviceError where the motor is not set as the rig file says, with what to write."""

@@ -23,6 +23,7 @@ from norton_drivers.wiring import DeviceSettings
 
 SILENT_NS = 150_000_000
 QUESTION_PERIOD_NS = 10_000_000
+ASKED_AGAIN_NS = 20_000_000
 PROBE_ENDED_NS = 60_000_000  # after the timeout: then the watchdog should have acted
 _STRANGERS = 4
 
@@ -249,6 +250,19 @@ class SpokenToDrive(DriveBase):
         if not wait_until(lambda: self._answers > answers, self._link, timeout_s):
             received = f"; heard {', '.join(sorted(self._strangers))}" if self._strangers else ""
             raise DeviceTimeoutError(f"{self._place}: does not answer ({timeout_s:g} s waited{received}); {remedy}")
+
+    def _inquire(self, question: Addressed, answered: Callable[[], bool], timeout_s: float) -> bool:
+        """Ask, and again where an answer may have been lost, until it is there; False where it is not in time."""
+        asked_ns: int | None = None
+
+        def ask() -> None:
+            nonlocal asked_ns
+            now_ns = self._link.clock.now_ns()
+            if asked_ns is None or now_ns - asked_ns >= ASKED_AGAIN_NS:
+                asked_ns = now_ns
+                self._send(*question)
+
+        return wait_until(answered, self._link, timeout_s, ask)
 
     # ---- State ---------------------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ stay until they are cleared), parameter_protocol.c (registers), motor_control.c 
 torque are filtered, once a millisecond; the position loop runs 20 times in that), app_config.c (factory settings).
 """
 
+from contextlib import suppress
 from math import pi
 from typing import cast
 
@@ -118,15 +119,14 @@ class DamiaoMotor:
     def _receive(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame:
             return
-        try:
-            if message.arbitration_id == protocol.REGISTERS_ID:
+        if message.arbitration_id == protocol.REGISTERS_ID:
+            with suppress(CodecError):  # cut short
                 self._on_register(RegisterFrame.decode(message.data))
-            elif message.arbitration_id & 0xFF == self._node & 0xFF:
-                self._heard_ns = self._world.now_ns
+        elif message.arbitration_id & 0xFF == self._node & 0xFF:
+            self._heard_ns = self._world.now_ns
+            with suppress(CodecError):
                 self._obey(message.arbitration_id >> 8, message.data)
-                self._answer()
-        except CodecError:
-            return  # cut short
+            self._answer()
 
     def _obey(self, family: int, data: bytearray) -> None:
         match protocol.special_of(data):

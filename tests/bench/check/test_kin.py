@@ -15,10 +15,18 @@ A_DAMIAO_MOTOR = {"driver": "damiao"}
     ("path", "device", "words"),
     [
         (DAMIAO, {**A_MIT_MOTOR, "node": 1, "master": 17}, 'an actuator in MIT mode (driver = "mit", node = 1, '),
-        (DAMIAO, {**A_MIT_MOTOR, "node": 7, "master": 3}, 'an actuator in MIT mode (driver = "mit", node = 7, master = 3'),
+        (
+            DAMIAO,
+            {**A_MIT_MOTOR, "node": 7, "master": 3},
+            'an actuator in MIT mode (driver = "mit", node = 7, master = 3',
+        ),
         (DAMIAO, {"driver": "vesc", "node": 4, "pole_pairs": 7}, 'a VESC (driver = "vesc", node = 4)'),
         (MIT, {**A_DAMIAO_MOTOR, "node": 5, "master": 20}, 'a Damiao motor (driver = "damiao", node = 5, master = 20)'),
-        (MIT, {**A_DAMIAO_MOTOR, "node": 1, "master": 0}, 'a Damiao motor (driver = "damiao") has a temperature in its'),
+        (
+            MIT,
+            {**A_DAMIAO_MOTOR, "node": 1, "master": 0},
+            'a Damiao motor (driver = "damiao") has a temperature in its',
+        ),
     ],
 )
 def test_one_in_the_place_of_another(path: Any, device: dict[str, Any], words: str) -> None:
@@ -29,7 +37,11 @@ def test_one_in_the_place_of_another(path: Any, device: dict[str, Any], words: s
 @pytest.mark.parametrize(
     ("path", "device", "words"),
     [
-        (DAMIAO, {"torque_range": "10 N*m"}, 'its TMAX (register 23) is 10 N*m, but the rig file says torque_range = "2'),
+        (
+            DAMIAO,
+            {"torque_range": "10 N*m"},
+            'its TMAX (register 23) is 10 N*m, but the rig file says torque_range = "2',
+        ),
         (DAMIAO, {"position_range": "25 rad"}, 'write position_range = "25 rad", or set 12.5 in the motor'),
         (DAMIAO, {"velocity_range": "30 rad/s"}, 'write velocity_range = "30 rad/s", or set 50 in the motor'),
         (DAMIAO, {"velocity_bandwidth": "40 Hz"}, 'write velocity_bandwidth = "40 Hz", or set 499 in the motor'),
