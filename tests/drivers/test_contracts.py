@@ -86,6 +86,13 @@ class TestDamiao(AmplifierContract):
         return simulated("sim-damiao.toml", "actuator", direction)
 
 
+class TestRobStride(AmplifierContract):
+    command_resolution = 0.1e-3  # half a step of 16 bits
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-robstride.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

@@ -243,5 +243,3 @@ def _unpacked(layout: Struct, data: bytes | bytearray, message: str) -> tuple[in
     if len(data) < layout.size:
         raise CodecError(f"{message}: {len(data)} bytes where {layout.size} are needed")
     return layout.unpack_from(data)
-
-

@@ -13,6 +13,7 @@ FIRMWARE = {
     "cia402": ("cia402", "Cia402Drive"),
     "damiao": ("damiao", "DamiaoMotor"),
     "mit": ("mit", "MitMotor"),
+    "robstride": ("robstride", "RobStrideMotor"),
     "vesc": ("vesc", "VescController"),
     "ascii": ("serial_sensors", "AsciiSensor"),
     "bota": ("bota", "BotaSensor"),

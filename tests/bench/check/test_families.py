@@ -13,8 +13,8 @@ from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
-ODRIVE, CIA402, MIT, VESC, DAMIAO, DYN200 = (
-    RIGS / f"sim-{name}.toml" for name in ("odrive", "cia402", "mit", "vesc", "damiao", "dyn200")
+ODRIVE, CIA402, MIT, VESC, DAMIAO, ROBSTRIDE, DYN200 = (
+    RIGS / f"sim-{name}.toml" for name in ("odrive", "cia402", "mit", "vesc", "damiao", "robstride", "dyn200")
 )
 KINDS = {
     ODRIVE: "an ODrive",
@@ -22,6 +22,7 @@ KINDS = {
     MIT: "an actuator in MIT mode",
     VESC: "a VESC",
     DAMIAO: "a Damiao motor",
+    ROBSTRIDE: "a RobStride motor",
 }
 
 
