@@ -93,6 +93,13 @@ class TestRobStride(AmplifierContract):
         return simulated("sim-robstride.toml", "actuator", direction)
 
 
+class TestCubeMars(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-cubemars.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

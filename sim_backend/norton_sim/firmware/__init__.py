@@ -11,6 +11,7 @@ FIRMWARE = {
     "odrive": ("odrive", "ODriveAxis"),
     "odrive 0.5": ("odrive_05", "ODrive05Axis"),
     "cia402": ("cia402", "Cia402Drive"),
+    "cubemars": ("cubemars", "CubeMarsActuator"),
     "damiao": ("damiao", "DamiaoMotor"),
     "mit": ("mit", "MitMotor"),
     "robstride": ("robstride", "RobStrideMotor"),

@@ -1,8 +1,6 @@
 """A VESC in FOC mode with an encoder, as it behaves on CAN.
 
-Source: vedderb/bldc: comm/comm_can.c (commands, status messages and their casts), timeout.c (looks every 10 ms; a brake
-current of zero releases the motor), motor/mc_interface.c (a fault stops the motor; commands are then ignored for half
-a second, after which it has cleared itself), motor/mcpwm_foc.c (released below the minimum current; the sign of the
+Source: vedderb/bldc: comm/comm_can.c (commands, status messages and their casts), motor/mcpwm_foc.c (the sign of the
 current; voltage to duty cycle; the tachometer), comm/commands.c. Status messages come as a bench would configure them:
 1, 4 and, where the tachometer is wanted, 5 at 1 kHz, else 5 at 10 Hz.
 
@@ -22,33 +20,28 @@ from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet
 from norton_drivers.vesc import VescOptions
 from norton_drivers.wiring import parse_options
-from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
+from norton_sim.firmware.context import DeviceContext, DriveFault
+from norton_sim.firmware.releasing import ReleasingAmplifier
 from norton_sim.plant import Machine
 
 FAST_PERIOD_NS = 1_000_000
 SLOW_PERIOD_NS = 100_000_000
-TIMEOUT_PERIOD_NS = 10_000_000
 DUTY_PERIOD_NS = 125_000
-FAULT_STOP_NS = 500_000_000
 
 SUPPLY_V = 24.0
 WINDING_OHM = 0.1  # where no voltage is commanded, it shows in the duty cycle alone
-MOST_CURRENT_A = 60.0
 MOST_DUTY = 0.95
 DUTY_PER_SHARE = sqrt(3.0)  # duty cycle 1 is the greatest circle's voltage, supply / √3
 AMPLITUDE_PER_TORQUE_CURRENT = 2.0 / 3.0  # flux linkage times pole pairs, for each newton metre per ampere
 
 VERSION = (6, 5, "60")
-FAULT_OVER_TEMPERATURE = 5
-FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPERATURE: FAULT_OVER_TEMPERATURE}
+FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPERATURE: 5}
 
 
 class VescController:
-    """One motor. ``fault`` is its fault code."""
+    """One motor."""
 
     def __init__(self, context: DeviceContext) -> None:
-        self.fault = 0
-        self.heating = Heating()
         self._options = options = parse_options(VescOptions, context.settings)
         self._world = context.world
         self._plant = context.world.plant
@@ -56,26 +49,38 @@ class VescController:
         truth = context.truth.driven(self._machine)
         self._amplifier_gain = truth.amplifier_gain
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
-        self._running = False
+        in_duty = options.mode == "duty"
+        self._amplifier = ReleasingAmplifier(
+            context,
+            self._machine,
+            FAULTS,
+            minimum_current_a=options.minimum_current_a,
+            timeout_s=options.watchdog_s,
+            per_ampere=1 / self._amplifier_gain if in_duty else options.per_ampere,
+        )
+        self._amplifier.on_release = self._end_duty
+        self.heating = self._amplifier.heating
         self._duty: float | None = None  # where the voltage is what is commanded
-        self._commanded_ns = context.world.now_ns
-        self._ignores_until_ns = 0
         self._frozen: tuple[float, float] | None = None
         self._assembler = protocol.Assembler()
         self._connector = context.can_connector()
         self._connector.on_frame(self._receive)
         context.cyclic(FAST_PERIOD_NS, self._send_fast)
         context.cyclic(SLOW_PERIOD_NS, partial(self._send_status_5))
-        context.cyclic(TIMEOUT_PERIOD_NS, self._look)
-        if options.mode == "duty":
+        if in_duty:
             context.cyclic(DUTY_PERIOD_NS, self._press)
 
     @property
     def armed(self) -> bool:
-        return self._running
+        return self._amplifier.running
+
+    @property
+    def fault(self) -> int:
+        """Its fault code."""
+        return self._amplifier.fault
 
     def break_down(self, fault: DriveFault) -> None:
-        self._stop_for(FAULTS[fault])
+        self._amplifier.break_down(fault)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -125,7 +130,7 @@ class VescController:
 
     def _drawn_a(self) -> float:
         """Positive where the motor draws power, negative where it generates."""
-        if not self._running:
+        if not self.armed:
             return 0.0
         current_a = self._plant.current_a(self._machine)
         return copysign(1.0, self._voltage_v()) * current_a
@@ -158,23 +163,16 @@ class VescController:
                     self._answer(received)
 
     def _set_current(self, current_a: float) -> None:
-        self._commanded_ns = self._world.now_ns
-        if self.fault:
-            return
-        if abs(current_a) < self._options.minimum_current_a:
-            self._release()
-            return
-        self._running, self._duty = True, None
-        limited_a = min(max(current_a, -MOST_CURRENT_A), MOST_CURRENT_A)
-        per_ampere = 1 / self._amplifier_gain if self._options.mode == "duty" else self._options.per_ampere
-        self._plant.command(self._machine, limited_a * per_ampere)
+        if self._amplifier.set_current(current_a):
+            self._end_duty()
 
     def _set_duty(self, duty: float) -> None:
-        self._commanded_ns = self._world.now_ns
-        if self.fault:
-            return
-        self._running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
-        self._press(self._world.now_ns)
+        if self._amplifier.heed():
+            self._amplifier.running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
+            self._press(self._world.now_ns)
+
+    def _end_duty(self) -> None:
+        self._duty = None
 
     def _answer(self, received: protocol.Received) -> None:
         if received.payload == protocol.ask_fault():
@@ -194,22 +192,3 @@ class VescController:
         if self._duty is not None:
             back_emf_v = self._volt_s_rad * self._plant.encoder_velocity_rad_s(self._machine)
             self._plant.command(self._machine, self._duty - DUTY_PER_SHARE * back_emf_v / SUPPLY_V)
-
-    def _look(self, stamp_ns: int) -> None:
-        self.heating.carry(self._plant.true_current_a(self._machine), TIMEOUT_PERIOD_NS * 1e-9)
-        if self.heating.too_hot:
-            self._stop_for(FAULT_OVER_TEMPERATURE)
-        elif self.fault and stamp_ns >= self._ignores_until_ns:
-            self.fault = 0
-        timeout_ns = round(self._options.watchdog_s * 1e9)
-        if timeout_ns and stamp_ns - self._commanded_ns > timeout_ns:
-            self._release()
-
-    def _stop_for(self, fault: int) -> None:
-        self.fault = self.fault or fault
-        self._ignores_until_ns = self._world.now_ns + FAULT_STOP_NS
-        self._release()
-
-    def _release(self) -> None:
-        self._running, self._duty = False, None
-        self._plant.release(self._machine)
