@@ -70,6 +70,9 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "mit": {"node": 1, "position_range": 12.5, "velocity_range": 50.0, "torque_range": 2.0},
         "cia402": {"node": 1, "torque_per_unit": 1e-3, "counts_per_turn": 4096, "velocity_per_unit": 0.1},
         "vesc": {"node": 1, "pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
+        "damiao": {"node": 1, "master": 17},
+        "robstride": {"node": 1, "motor": "rs02"},
+        "cubemars": {"node": 1, "pole_pairs": 21, "gear_ratio": 9, "mode": "torque", "torque_constant": 0.8},
     }[driver]
     options = amplifier_options(driver, needed)
     assert options is not None
