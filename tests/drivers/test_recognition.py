@@ -223,12 +223,13 @@ def test_a_damiaos_own_identifier_is_sure():
 
 
 def test_a_damiaos_answers():
-    told = heard(0x11, damiao_codec.Feedback(3, 1, 0, 0, 0, 30, 30).encode())
-    assert damiao.answers(sent(3, bytes(8)), told)
-    assert damiao.answers(sent(0x7FF, bytes((3, 0, 0xCC, 0, 0, 0, 0, 0))), told)
-    assert not damiao.answers(sent(4, bytes(8)), told)
+    told = heard(0x11, damiao_codec.Feedback(3, 1, 0x1234, 0, 0, 30, 30).encode())
+    register = heard(0x11, damiao_codec.RegisterFrame(3, 0x33, 23).encode())
+    refresh, read = (sent(0x7FF, bytes((3, 0, *asked, 0, 0, 0, 0))) for asked in ((0xCC, 0), (0x33, 23)))
+    assert (damiao.answers(refresh, told), damiao.answers(refresh, register)) == (True, False)
+    assert (damiao.answers(read, told), damiao.answers(read, register)) == (False, True)
     assert not damiao.answers(sent(0x7FF, bytes((4, 0, 0xCC, 0, 0, 0, 0, 0))), told)
-    assert not damiao.answers(sent(0x23, bytes(8)), told)
+    assert not damiao.answers(sent(3, bytes(8)), told)  # asked once, it might be answered beside one asked before
 
 
 def robstride_message(identifier: int, data: bytes) -> can.Message:
@@ -254,6 +255,8 @@ def test_a_robstrides_answers():
     assert robstride.answers(question, heard(*robstride_codec.answer_value(9, 0xFD, 0x7005, bytes(4)), extended=True))
     feedback = robstride_codec.Feedback(9, 2, 0, 1, 2, 3, 300).encode(0xFD)
     assert not robstride.answers(question, heard(*feedback, extended=True))
+    version = sent(0x0400FD09, robstride_codec.VERSION_QUESTION, extended=True)
+    assert not robstride.answers(version, heard(*feedback, extended=True))
     command = sent(*robstride_codec.torque_value(9, 32768), extended=True)
     assert robstride.answers(command, heard(*feedback, extended=True))
     assert not robstride.answers(

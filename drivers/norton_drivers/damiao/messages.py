@@ -49,13 +49,18 @@ def _reached(node: int, master: int) -> dict[str, int]:
 
 
 def answers(question: RawFrame, frame: RawFrame) -> bool:
-    """Every frame to a motor, or to 0x7FF with its identifier, is answered by a frame that begins with that."""
+    """Of questions to 0x7FF: a register comes back with its number, a request for feedback with feedback."""
     if question.extended or question.remote or frame.extended or frame.remote:
         return False
-    if len(question.data) != 8 or len(frame.data) != 8:
+    if question.arbitration_id != protocol.REGISTERS_ID or len(question.data) != 8 or len(frame.data) != 8:
         return False
-    asked = question.data[0] if question.arbitration_id == protocol.REGISTERS_ID else question.arbitration_id
-    return 0 < asked <= protocol.NODE_MAX and frame.data[0] & 0xF == asked
+    if question.data[2] == Operation.REFRESH:
+        return frame.data[0] & 0xF == question.data[0] and not _is_of_a_register(frame.data)
+    return frame.data[:4] == question.data[:4]
+
+
+def _is_of_a_register(data: bytes) -> bool:
+    return data[1] == 0 and data[2] in (Operation.READ, Operation.WRITE)
 
 
 def probes(options: Mapping[str, Any], heard: Collection[int]) -> Iterator[Question]:

@@ -44,13 +44,17 @@ def _is_plausible(extra: int, data: bytearray) -> bool:
 
 
 def answers(question: RawFrame, frame: RawFrame) -> bool:
-    """Whatever a motor is told, it answers with its own identifier behind the type."""
+    """A parameter comes back with its number; a frame that stops, or commands, is answered with feedback."""
     if not (question.extended and frame.extended) or question.remote or frame.remote:
         return False
     (asked, _, node), (told, extra, _) = (protocol.split_id(each.arbitration_id) for each in (question, frame))
-    if asked not in (*_FROM_HOST, Kind.READ) or extra & 0xFF != node:
+    if extra & 0xFF != node:
         return False
-    return told == (Kind.READ if asked == Kind.READ else Kind.FEEDBACK)
+    if asked == Kind.READ:
+        return told == Kind.READ and frame.data[:2] == question.data[:2]
+    # The question for the version is one that stops, too; what comes after it may be the answer to one before.
+    ordinary = asked in (Kind.CONTROL, Kind.STOP) and question.data != protocol.VERSION_QUESTION
+    return ordinary and told == Kind.FEEDBACK
 
 
 def probes(options: Mapping[str, Any], _heard: Collection[int]) -> Iterator[Question]:
