@@ -91,9 +91,12 @@ class DamiaoOptions(DeviceOptions):
 
     @property
     def velocity_window_s(self) -> float:
-        """Of two positions whose difference lags as much, on average, as the filtered velocity in its loop."""
+        """Of two positions whose difference lags as much, on average, as the filtered velocity in its loop: by half of
+        a period in which it is worked out, and by the time for which it is held, which is zero to all but one cycle.
+        """
         filter_s = 0.0 if self.velocity_bandwidth_hz >= UNFILTERED_HZ else 1 / (2 * pi * self.velocity_bandwidth_hz)
-        return 2 * (VELOCITY_PERIOD_S + filter_s)  # half of the difference, half of the time that it is held
+        held_s = (VELOCITY_PERIOD_S - self.loop_period_s) / 2
+        return 2 * (VELOCITY_PERIOD_S / 2 + held_s + filter_s)
 
     @property
     def servo(self) -> Servo | None:

@@ -66,6 +66,7 @@ class DamiaoMotor:
         self._goal = RELEASED
         self._zero_rad = 0.0
         self._velocity_rad_s = self._torque_nm = 0.0  # filtered
+        self._position_rad = self._plant.encoder_position_rad(self._machine)
         self._heard_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
         self._loops = options.servo is not None
@@ -170,7 +171,9 @@ class DamiaoMotor:
         """Once a millisecond: filter, and look at what may be wrong."""
         bandwidth_hz = self.registers[Register.V_BW]
         kept = 0.0 if bandwidth_hz >= UNFILTERED_HZ else 1 / (1 + 2 * pi * bandwidth_hz * VELOCITY_PERIOD_S)
-        velocity_rad_s = self._plant.encoder_velocity_rad_s(self._machine)
+        position_rad = self._plant.encoder_position_rad(self._machine)
+        velocity_rad_s = (position_rad - self._position_rad) / VELOCITY_PERIOD_S
+        self._position_rad = position_rad
         torque_nm = self._plant.current_a(self._machine) / self._amperes_per_nm
         self._velocity_rad_s += (1 - kept) * (velocity_rad_s - self._velocity_rad_s)
         self._torque_nm += (1 - kept) * (torque_nm - self._torque_nm)

@@ -165,15 +165,11 @@ class RobStrideMotor:
             self.parameters[index] = value
             self._drive()
 
-    @property
-    def _in_amperes(self) -> bool:
-        return self.parameters[Parameter.RUN_MODE] == protocol.CURRENT_MODE
-
     def _drive(self) -> None:
-        if not self.armed or self._loop is not None:
-            return
-        in_rig_unit = self.parameters[Parameter.IQ_REF] if self._in_amperes else self._goal.torque_nm
-        self._plant.command(self._machine, in_rig_unit)
+        if self.armed and self._loop is None:
+            in_amperes = self.parameters[Parameter.RUN_MODE] == protocol.CURRENT_MODE
+            in_rig_unit = self.parameters[Parameter.IQ_REF] if in_amperes else self._goal.torque_nm
+            self._plant.command(self._machine, in_rig_unit)
 
     # ---- what it does by itself ----
 
