@@ -90,14 +90,15 @@ def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path
 
 
 # What each rig can perform, of the sessions that are shipped, or what it lacks.
-WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-mit")
+SPOKEN_TO = ("sim-mit", "sim-damiao", "sim-robstride")
+WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-cubemars", *SPOKEN_TO)
 SESSIONS = ("characterise", "quick", "refine", "zero-torque")
 LACKS = dict.fromkeys(product(SESSIONS, WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-free-shaft"]), "'calibrate' needs a load drive")
 LACKS |= dict.fromkeys(product(("in-situ",), WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-in-situ"]), "'calibrate' needs a torque sensor")
 LACKS |= {("in-situ", "sim-free-shaft"): "'in_situ' needs a load drive", ("in-situ", "sim-in-situ"): ""}
-LACKS["characterise", "sim-mit"] = "'imposed' asks for 40 rad/s"
+LACKS |= dict.fromkeys(product(["characterise"], SPOKEN_TO), "'imposed' asks for 40 rad/s")
 # Those that are identified by tables, and the sessions that tabulate.
 TABULATE = ("two-ports", "muscle")
 BY_TABLES = (

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from random import Random
 from typing import Protocol
 
-from . import canopen_objects, drivers_on_can, drives_on_serial, sensors_on_serial, slcan
+from . import canopen_objects, drivers_on_can, drives_on_serial, motors_on_can, sensors_on_serial, slcan
 from .outcome import Outcome
 from .packets import PacketCodec
 
@@ -23,7 +23,10 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "vesc-uart": drives_on_serial.vesc_values,
     "odrive-ascii": drives_on_serial.odrive_feedback,
     "simplefoc": drives_on_serial.simplefoc_states,
-    "mit": drivers_on_can.mit_replies,
+    "mit": motors_on_can.mit_replies,
+    "damiao": motors_on_can.damiao_feedback,
+    "robstride": motors_on_can.robstride_feedback,
+    "cubemars": motors_on_can.cubemars_uploads,
     "dbc": drivers_on_can.dbc,
     "bota": sensors_on_serial.bota_frames,
     "dyn200-push": sensors_on_serial.pushed_frames,

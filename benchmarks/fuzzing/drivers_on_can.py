@@ -1,4 +1,4 @@
-"""A driver on a scripted bus, and by hand what it is to make of a frame: ODrive, VESC, MIT mode, DBC."""
+"""A driver on a scripted bus, and by hand what it is to make of a frame: ODrive, VESC, DBC."""
 
 from collections.abc import Callable
 from math import copysign, isfinite, tau
@@ -12,16 +12,15 @@ import cantools
 import odrive_can
 
 from norton_bench.testing import ScriptedWorld
-from norton_drivers import dbc_sensor, mit, odrive, vesc
+from norton_drivers import dbc_sensor, odrive, vesc
 from norton_drivers.devices import Amplifier
 from norton_drivers.wiring import DeviceSettings
 
 from .frames import FrameCodec, Values
 
-NODE, MASTER = 23, 5
-_NO_REDUNDANCY = "none: identifier and length"
+NODE = 23
+NO_REDUNDANCY = "none: identifier and length"
 _POLE_PAIRS, _ANGLE_CODES = 7, 18_000
-_POSITION_RAD, _VELOCITY_RAD_S, _TORQUE_NM, _NM_A = 12.5, 50.0, 18.0, 0.1
 _COUNTS_PER_TURN = 8192
 _ODRIVE_MESSAGES = (0x01, 0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 0x1D)
 
@@ -91,7 +90,7 @@ class ODriveTruth:
 def _odrive_frame(random: Random) -> can.Message:
     numbers = Struct("<ff").pack(random.uniform(-1e3, 1e3), random.uniform(-100, 100))
     data = numbers if random.random() < 0.7 else random.randbytes(8)
-    return _frame(NODE << 5 | random.choice(_ODRIVE_MESSAGES), data)
+    return frame_of(NODE << 5 | random.choice(_ODRIVE_MESSAGES), data)
 
 
 def odrive_06() -> FrameCodec:
@@ -111,7 +110,7 @@ def _odrive(
 ) -> FrameCodec:
     identifiers = tuple(NODE << 5 | message for message in _ODRIVE_MESSAGES)
     listener = AmplifierListener(odrive.open_amplifier, "odrive", code_of, node=NODE, **options)
-    return FrameCodec(name, _NO_REDUNDANCY, identifiers, _odrive_frame, listener, ODriveTruth(version, counts=counts))
+    return FrameCodec(name, NO_REDUNDANCY, identifiers, _odrive_frame, listener, ODriveTruth(version, counts=counts))
 
 
 # ---- VESC ------------------------------------------------------------------------------------------------------------
@@ -148,7 +147,7 @@ class VescTruth:
 def _vesc_frame(random: Random) -> can.Message:
     packet = random.choice((9, 9, 16, 16, 27, 18, 8))
     to = 254 if packet in (8, 18) else NODE
-    return _frame(packet << 8 | to, random.randbytes(8), extended=True)
+    return frame_of(packet << 8 | to, random.randbytes(8), extended=True)
 
 
 def vesc_status() -> FrameCodec:
@@ -157,48 +156,7 @@ def vesc_status() -> FrameCodec:
 
     listener = AmplifierListener(vesc.open_amplifier, "vesc", code_of, node=NODE, pole_pairs=_POLE_PAIRS)
     identifiers = tuple(packet << 8 | node for packet in (5, 6, 7, 8, 9, 16, 18, 27) for node in (NODE, 254))
-    return FrameCodec("VESC", _NO_REDUNDANCY, identifiers, _vesc_frame, listener, VescTruth())
-
-
-# ---- MIT mode --------------------------------------------------------------------------------------------------------
-
-
-class MitTruth:
-    """motorcontrol, can.c: identifier, position 16, velocity 12 and torque 12 bits, each cut off downwards.
-
-    A velocity that leaps by more than half its range has wrapped: that reply's motion is withheld.
-    """
-
-    def __init__(self) -> None:
-        self._last_velocity: int | None = None
-
-    def __call__(self, frame: can.Message) -> Values:
-        if frame.is_extended_id or frame.is_remote_frame or frame.arbitration_id != MASTER:
-            return []
-        data = bytes(frame.data)
-        if not 6 <= len(data) <= 8 or data[0] != NODE:
-            return []
-        bits = f"{int.from_bytes(data[1:6], 'big'):040b}"
-        position, velocity, torque = int(bits[:16], 2), int(bits[16:28], 2), int(bits[28:], 2)
-        current = ((torque + 0.5) * 2 * _TORQUE_NM / 4095 - _TORQUE_NM) / _NM_A
-        if self._last_velocity is not None and abs(velocity - self._last_velocity) > 2048:
-            return [(current,)]
-        self._last_velocity = velocity
-        return [(position, (velocity + 0.5) * 2 * _VELOCITY_RAD_S / 4095 - _VELOCITY_RAD_S), (current,)]
-
-
-def _mit_frame(random: Random) -> can.Message:
-    return _frame(MASTER, bytes((NODE,)) + random.randbytes(random.choice((5, 6, 7))))
-
-
-def mit_replies() -> FrameCodec:
-    def code_of(position_rad: float) -> int:
-        return round((position_rad + _POSITION_RAD) * 65535 / (2 * _POSITION_RAD) - 0.5) % 65536
-
-    ranges = {"position_range": _POSITION_RAD, "velocity_range": _VELOCITY_RAD_S, "torque_range": _TORQUE_NM}
-    more = {"beyond_range": "wraps", "torque_constant": _NM_A, "node": NODE, "master": MASTER}
-    listener = AmplifierListener(mit.open_amplifier, "mit", code_of, **ranges, **more)
-    return FrameCodec("MIT mode", _NO_REDUNDANCY, (MASTER, NODE), _mit_frame, listener, MitTruth())
+    return FrameCodec("VESC", NO_REDUNDANCY, identifiers, _vesc_frame, listener, VescTruth())
 
 
 # ---- A sensor that a DBC file describes ------------------------------------------------------------------------------
@@ -244,7 +202,7 @@ class DbcTruth:
 
 
 def _dbc_frame(random: Random) -> can.Message:
-    return _frame(DbcTruth.IDENTIFIER, random.randbytes(4) + bytes((random.randrange(4), 0, random.randrange(2), 0)))
+    return frame_of(DbcTruth.IDENTIFIER, random.randbytes(4) + bytes((random.randrange(4), 0, random.randrange(2), 0)))
 
 
 def dbc() -> FrameCodec:
@@ -252,5 +210,5 @@ def dbc() -> FrameCodec:
     return FrameCodec("DBC frame", redundancy, (DbcTruth.IDENTIFIER,), _dbc_frame, DbcListener(), DbcTruth())
 
 
-def _frame(identifier: int, data: bytes, *, extended: bool = False) -> can.Message:
+def frame_of(identifier: int, data: bytes, *, extended: bool = False) -> can.Message:
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended)

@@ -103,6 +103,27 @@ class TestMit(AmplifierContract):
         return simulated("sim-mit.toml", "actuator", direction)
 
 
+class TestDamiao(AmplifierContract):
+    command_resolution = 0.5e-3  # half a step: exactly zero cannot be sent
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-damiao.toml", "actuator", direction)
+
+
+class TestRobStride(AmplifierContract):
+    command_resolution = 0.1e-3  # half a step of 16 bits
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-robstride.toml", "actuator", direction)
+
+
+class TestCubeMars(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-cubemars.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

@@ -14,11 +14,17 @@ from hypothesis import strategies as st
 
 from norton_drivers import dbc_sensor, registry
 from norton_drivers.canopen import node as canopen
+from norton_drivers.codecs import damiao as damiao_codec
+from norton_drivers.codecs import robstride as robstride_codec
+from norton_drivers.codecs.cubemars import Upload
 from norton_drivers.codecs.odrive import AxisState, EncoderEstimates, Heartbeat, MessageId, arbitration_id
+from norton_drivers.cubemars import drive as cubemars
+from norton_drivers.damiao import messages as damiao
 from norton_drivers.mit import replies as mit
 from norton_drivers.odrive.drive import recognise
 from norton_drivers.readings import RawFrame
 from norton_drivers.registry import Recognition, answers_remotely, nobodys
+from norton_drivers.robstride import messages as robstride
 from norton_drivers.vesc import messages as vesc
 
 
@@ -191,6 +197,90 @@ def test_mit():
     assert not mit.answers(sent(3, bytes(8)), heard(0, bytes([4, *bytes(5)])))
 
 
+def test_a_reply_with_a_temperature_where_an_error_would_be_is_a_damiaos():
+    told = damiao_codec.Feedback(3, damiao_codec.DISABLED, 32767, 2047, 2047, 30, 29).encode()
+    assert mit.recognise(message(0x11, told), {}) is None
+    assert mit.recognise(message(0x11, told), {"master": 0x11}) is None
+    assert damiao.recognise(message(0x11, told), {}).options == {"node": 3, "master": 0x11}
+    cubemars_reply = bytes((3, *told[1:6], 30, 0))
+    assert damiao.recognise(message(0x11, cubemars_reply), {"master": 0x11}) is None
+    assert mit.recognise(message(0x11, cubemars_reply), {}).options == {"node": 3, "master": 0x11}
+
+
+def test_a_damiaos_feedback_in_motion_is_known_under_its_master_alone():
+    told = damiao_codec.Feedback(3, damiao_codec.ENABLED, 1, 4000, 100, 30, 29).encode()
+    assert damiao.recognise(message(0x11, told), {}) is None
+    assert damiao.recognise(message(0x11, told), {"master": 0x11}).options == {"node": 3, "master": 0x11}
+    assert damiao.recognise(message(0x11, told, extended=True), {"master": 0x11}) is None
+
+
+def test_a_damiaos_own_identifier_is_sure():
+    raw = damiao_codec.raw_of(8, 5)
+    told = damiao_codec.RegisterFrame(5, 0x33, 8, raw).encode()
+    assert damiao.recognise(message(0x7F, told), {}).options == {"node": 5, "master": 0x7F}
+    other = damiao_codec.RegisterFrame(4, 0x33, 8, raw).encode()
+    assert damiao.recognise(message(0x7F, other), {}) is None  # it contradicts itself
+
+
+def test_a_damiaos_answers():
+    told = heard(0x11, damiao_codec.Feedback(3, 1, 0x1234, 0, 0, 30, 30).encode())
+    register = heard(0x11, damiao_codec.RegisterFrame(3, 0x33, 23).encode())
+    refresh, read = (sent(0x7FF, bytes((3, 0, *asked, 0, 0, 0, 0))) for asked in ((0xCC, 0), (0x33, 23)))
+    assert (damiao.answers(refresh, told), damiao.answers(refresh, register)) == (True, False)
+    assert (damiao.answers(read, told), damiao.answers(read, register)) == (False, True)
+    assert not damiao.answers(sent(0x7FF, bytes((4, 0, 0xCC, 0, 0, 0, 0, 0))), told)
+    assert not damiao.answers(sent(3, bytes(8)), told)  # asked once, it might be answered beside one asked before
+
+
+def robstride_message(identifier: int, data: bytes) -> can.Message:
+    return message(identifier, data, extended=True)
+
+
+def test_robstride():
+    feedback = robstride_message(*robstride_codec.Feedback(9, 2, 0, 1, 2, 3, 300).encode(0xFD))
+    assert (robstride.recognise(feedback, {}).options, robstride.recognise(feedback, {}).sure) == ({"node": 9}, True)
+    answer = robstride_message(*robstride_codec.answer_value(9, 0xFD, 0x7005, bytes(4)))
+    assert (robstride.recognise(answer, {}).options, robstride.recognise(answer, {}).sure) == ({"node": 9}, True)
+    command = robstride_message(*robstride_codec.torque_value(9, 32768))
+    assert robstride.recognise(command, {}).from_host
+    question = robstride_message(*robstride_codec.read_value(9, 0xFD, 0x7005))
+    assert robstride.recognise(question, {}) is None
+    cold = robstride_message(*robstride_codec.Feedback(9, 2, 0, 1, 2, 3, 0).encode(0xFD))
+    assert not robstride.recognise(cold, {}).sure
+    assert not robstride.recognise(message(0x18FF0917, bytes(8), extended=True), {}).sure  # J1939
+
+
+def test_a_robstrides_answers():
+    question = sent(*robstride_codec.read_value(9, 0xFD, 0x7005), extended=True)
+    assert robstride.answers(question, heard(*robstride_codec.answer_value(9, 0xFD, 0x7005, bytes(4)), extended=True))
+    feedback = robstride_codec.Feedback(9, 2, 0, 1, 2, 3, 300).encode(0xFD)
+    assert not robstride.answers(question, heard(*feedback, extended=True))
+    version = sent(0x0400FD09, robstride_codec.VERSION_QUESTION, extended=True)
+    assert not robstride.answers(version, heard(*feedback, extended=True))
+    command = sent(*robstride_codec.torque_value(9, 32768), extended=True)
+    assert robstride.answers(command, heard(*feedback, extended=True))
+    assert not robstride.answers(
+        sent(*robstride_codec.torque_value(8, 0), extended=True), heard(*feedback, extended=True)
+    )
+
+
+def test_a_robstride_that_greets_is_no_vesc_and_no_cubemars():
+    """Switched on, it sends its own identifier, 0xFE, and eight bytes: 0x09 is STATUS, 0x12 a pong, 0x29 an upload."""
+    for node in (0x09, 0x12, 0x29):
+        greeting = message(node << 8 | 0xFE, bytes.fromhex("0102030405060700"), extended=True)
+        assert cubemars.recognise(greeting, {}) is None
+        found = vesc.recognise(greeting, {})
+        assert found is None or not found.sure
+
+
+def test_cubemars():
+    told = message(0x2968, Upload(12, 100.0, 1.0, 30, 0).encode(), extended=True)
+    assert (cubemars.recognise(told, {}).options, cubemars.recognise(told, {}).sure) == ({"node": 0x68}, True)
+    assert vesc.recognise(told, {}) is None
+    assert robstride.recognise(told, {}) is None
+    assert cubemars.recognise(message(0x2968, bytes.fromhex("000C0E740E730E74"), extended=True), {}) is None  # VESC BMS
+
+
 def test_an_sdos_answer():
     question = sent(0x605, bytes(8))
     assert canopen.answers(question, heard(0x585, bytes(8)))
@@ -204,7 +294,7 @@ def test_a_remote_frames_answer():
     assert not answers_remotely(sent(0x20, b"", remote=True), heard(0x21, bytes(8)))
 
 
-@pytest.mark.parametrize("offers", [canopen, mit, vesc])
+@pytest.mark.parametrize("offers", [canopen, damiao, mit, robstride, vesc])
 def test_probes_are_answered_by_their_own_kind_and_come_once_to_each(offers):
     questions = list(offers.probes({}, set()))
     assert len(set(questions)) == len(questions) > 100

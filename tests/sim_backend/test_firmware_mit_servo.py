@@ -8,7 +8,8 @@ import pytest
 
 from norton_bench.rig.load import load_rig
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.mit import Ranges, Special
+from norton_drivers.codecs.mit import Special
+from norton_drivers.codecs.ranges import Ranges
 from norton_drivers.registry import load_backend
 
 MS = 1_000_000

@@ -1,14 +1,14 @@
 """Devices during a check: opened, identified, and watched while nothing moves."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from statistics import pstdev
 from typing import Any, cast
 
-from norton_bench.check.buses import in_words
-from norton_bench.check.survey import BusCheck, Problem, Sender, StreamCheck, Survey
+from norton_bench.check.buses import claims_on, in_words, senders_on
+from norton_bench.check.survey import BusCheck, BusSurvey, Problem, Sender, StreamCheck, Survey
 from norton_bench.errors import ExperimentError
 from norton_bench.records import STREAMS, Stream
 from norton_bench.rig.driver_options import declared_by
@@ -24,7 +24,7 @@ from norton_drivers.readings import (
     DriveStatus,
     TorqueReading,
 )
-from norton_drivers.registry import AMPLIFIERS, Recognition, group_of, open_device
+from norton_drivers.registry import AMPLIFIERS, Question, Recognition, group_of, open_device
 from norton_drivers.wiring import DeviceSettings
 
 POLL_NS = 1_000_000
@@ -223,22 +223,38 @@ _ANSWER_NS = 50_000_000
 def ask_everybody(
     watched: Sequence[Watched], link: Link, survey: Survey, recognition: Mapping[str, Recognition]
 ) -> None:
-    """Devices that speak only when spoken to, at an address that the rig file does not know: found by asking
-    everybody.
+    """Devices that speak only when spoken to, at an address that the rig file does not know, or of another kind: found
+    by asking everybody.
 
-    Where a device did not answer, put its kind's questions to every address on its bus. Nothing moves.
+    Where a device did not answer, put its kind's questions to every address on its bus; where nobody answers these,
+    those of the other kinds. Nothing moves.
     """
+    devices = [each.settings for each in watched]
     absent = {(each.settings.bus, each.settings.driver): each for each in watched if _is_absent(each)}
     for (bus, driver), each in absent.items():
-        probes = recognition.get(driver, Recognition()).probes
-        if bus is None or probes is None or bus not in link.can_ports:
+        if bus is None or bus not in link.can_ports:
             continue
-        received = survey.buses[bus].standard_ids()
+        own = recognition.get(driver, Recognition()).probes
+        others = {offered.probes for offered in recognition.values()} - {own, None}
         with suppress(DeviceError):  # a lost bus has been told
-            for question in probes(each.settings.options, received):
-                link.can_ports[bus].send(question.arbitration_id, question.data, extended=question.extended)
-                link.wait(POLL_NS)
-            link.wait(_ANSWER_NS)
+            if own is not None:
+                _put(own(each.settings.options, survey.buses[bus].standard_ids()), bus, link)
+            for probes in sorted(filter(None, others), key=lambda probes: probes.__module__):
+                if not _is_alone(survey.buses[bus], recognition, devices):
+                    break
+                _put(probes({}, survey.buses[bus].standard_ids()), bus, link)
+
+
+def _put(questions: Iterable[Question], bus: str, link: Link) -> None:
+    for question in questions:
+        link.can_ports[bus].send(question.arbitration_id, question.data, extended=question.extended)
+        link.wait(POLL_NS)
+    link.wait(_ANSWER_NS)
+
+
+def _is_alone(survey: BusSurvey, recognition: Mapping[str, Recognition], devices: Sequence[DeviceSettings]) -> bool:
+    """Whether nobody is heard but the rig's devices."""
+    return all(sender.role for sender in senders_on(survey, claims_on(survey, recognition, devices)))
 
 
 def _is_absent(each: Watched) -> bool:

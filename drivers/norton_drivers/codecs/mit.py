@@ -3,31 +3,26 @@
 Standard identifiers: a command goes to the motor's own, a reply to the master's. Most significant bit first, a command
 is position 16, velocity 12, kp 12, kd 12, torque 12 bits; a reply is the motor's identifier, position 16, velocity 12
 and torque 12 bits, and on CubeMars' drives a temperature and an error. What the integers span differs between motors
-(:class:`Ranges`), and nothing in a frame tells. Sources: bgkatz/motorcontrol, Core/Src/can.c (``pack_reply``,
-``unpack_cmd``), math_ops.c, stm32f4xx_it.c; CubeMars, AK Series Actuator Driver Manual V1.0.8, section 5.3.
+(:class:`norton_drivers.codecs.ranges.Ranges`), and nothing in a frame tells. Sources: bgkatz/motorcontrol,
+Core/Src/can.c (``pack_reply``, ``unpack_cmd``), math_ops.c, stm32f4xx_it.c; CubeMars, AK Series Actuator Driver Manual
+V1.0.8, section 5.3.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
-from math import isfinite
 from typing import NamedTuple, Self
 
 from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.ranges import Goal, Ranges
 
 IDENTIFIER_MAX = 0x7FF
 NODE_MAX = 0xFF  # a reply's first byte must hold it
 
-POSITION_CODES = 1 << 16
-VELOCITY_CODES = 1 << 12
-_LAST_POSITION = POSITION_CODES - 1
-_LAST_SHORT = VELOCITY_CODES - 1
-STIFFNESS_MAX_NM_RAD, DAMPING_MAX_NMS_RAD = (
-    500.0,
-    5.0,
-)  # what their codes reach: can.c
+_LAST_POSITION = (1 << 16) - 1
+CODES = 1 << 12  # of velocity, torque, and either gain
+_LAST_SHORT = CODES - 1
 _COMMAND_LENGTH = 8
 _REPLY_LENGTHS = (6, 7, 8)
-_SPECIAL = b"\xff" * 7
+SPECIAL_HEAD = b"\xff" * 7
 
 NO_ERROR = 0
 _ERRORS = (
@@ -39,6 +34,7 @@ _ERRORS = (
     "encoder fault",
     "phase currents unbalanced: the hardware may be damaged",
 )
+ERRORS_MAX = len(_ERRORS) - 1
 
 
 class Special(IntEnum):
@@ -49,74 +45,14 @@ class Special(IntEnum):
     ZERO = 0xFE  # here is zero, from now on
 
     def encode(self) -> bytes:
-        return _SPECIAL + bytes((self,))
+        return SPECIAL_HEAD + bytes((self,))
 
 
 def special_of(data: bytes | bytearray) -> Special | None:
     """Which special frame this is; None for a command."""
-    if len(data) != _COMMAND_LENGTH or data[:7] != _SPECIAL:
+    if len(data) != _COMMAND_LENGTH or data[:7] != SPECIAL_HEAD:
         return None
     return next((special for special in Special if special == data[7]), None)
-
-
-@dataclass(frozen=True)
-class Ranges:
-    """What a motor's integers span: from minus to plus each of these.
-
-    The drive cuts what it says off to integers (math_ops.c, ``float_to_uint``), so that a code in a reply stands for
-    the whole step above it, and is read here as its middle: a shaft that stands still reads exactly zero. A code in
-    a command is taken for the step's lower end, so that exactly zero, which lies between two codes, cannot be sent.
-    """
-
-    position_rad: float
-    velocity_rad_s: float
-    torque_nm: float
-
-    @property
-    def position_step_rad(self) -> float:
-        return 2 * self.position_rad / _LAST_POSITION
-
-    @property
-    def velocity_step_rad_s(self) -> float:
-        return 2 * self.velocity_rad_s / _LAST_SHORT
-
-    @property
-    def torque_step_nm(self) -> float:
-        return 2 * self.torque_nm / _LAST_SHORT
-
-    def command_code(self, torque_nm: float) -> int:
-        """The nearest code, held within the range: the firmware does not clamp. Raises CodecError for no number."""
-        if not isfinite(torque_nm):
-            raise CodecError("torque: not a finite number")
-        held_nm = min(max(torque_nm, -self.torque_nm), self.torque_nm)
-        return min(round((held_nm + self.torque_nm) / self.torque_step_nm), _LAST_SHORT)
-
-    def commanded_nm(self, code: int) -> float:
-        """The torque that the drive makes of a code in a command."""
-        return code * self.torque_step_nm - self.torque_nm
-
-    def goal_code(self, position_rad: float) -> int:
-        """The nearest code, held within the range. Raises CodecError for no number."""
-        if not isfinite(position_rad):
-            raise CodecError("position: not a finite number")
-        held_rad = min(max(position_rad, -self.position_rad), self.position_rad)
-        return min(round((held_rad + self.position_rad) / self.position_step_rad), _LAST_POSITION)
-
-    def commanded_rad(self, code: int) -> float:
-        """The position that the drive makes of a code in a command."""
-        return code * self.position_step_rad - self.position_rad
-
-    def position_of(self, code: int) -> float:
-        """The position [rad] of a code in a reply, also of one that was unwrapped."""
-        return (code + 0.5) * self.position_step_rad - self.position_rad
-
-    def velocity_of(self, code: int) -> float:
-        """The velocity [rad/s] of a code in a reply."""
-        return (code + 0.5) * self.velocity_step_rad_s - self.velocity_rad_s
-
-    def torque_of(self, code: int) -> float:
-        """The torque [N m] of a code in a reply."""
-        return (code + 0.5) * self.torque_step_nm - self.torque_nm
 
 
 def command_value(torque_code: int) -> bytes:
@@ -139,52 +75,12 @@ def torque_code_of(data: bytes | bytearray) -> int:
     return (data[6] & 0xF) << 8 | data[7]
 
 
-def stiffness_code(stiffness_nm_rad: float) -> int:
-    """The nearest code, held within what can be sent."""
-    return _gain_code(stiffness_nm_rad / STIFFNESS_MAX_NM_RAD)
-
-
-def damping_code(damping_nms_rad: float) -> int:
-    """The nearest code, held within what can be sent."""
-    return _gain_code(damping_nms_rad / DAMPING_MAX_NMS_RAD)
-
-
-def _gain_code(share: float) -> int:
-    return min(max(round(share * _LAST_SHORT), 0), _LAST_SHORT)
-
-
-def stiffness_of(code: int) -> float:
-    """The stiffness [N m/rad] that the drive makes of a code."""
-    return code * STIFFNESS_MAX_NM_RAD / _LAST_SHORT
-
-
-def damping_of(code: int) -> float:
-    """The damping [N m s/rad] that the drive makes of a code."""
-    return code * DAMPING_MAX_NMS_RAD / _LAST_SHORT
-
-
-class Goal(NamedTuple):
-    """A command as the drive reads it: torque = stiffness · (position − θ) + damping · (velocity − ω) + torque."""
-
-    position_rad: float
-    velocity_rad_s: float
-    stiffness_nm_rad: float
-    damping_nms_rad: float
-    torque_nm: float
-
-    @classmethod
-    def decode(cls, data: bytes | bytearray, ranges: Ranges) -> Self:
-        """Raises CodecError for one cut short."""
-        torque_nm = ranges.commanded_nm(torque_code_of(data))
-        packed = int.from_bytes(data[:_COMMAND_LENGTH], "big")
-        velocity, stiffness, damping = (packed >> shift & _LAST_SHORT for shift in (36, 24, 12))
-        return cls(
-            ranges.commanded_rad(packed >> 48),
-            velocity * ranges.velocity_step_rad_s - ranges.velocity_rad_s,
-            stiffness_of(stiffness),
-            damping_of(damping),
-            torque_nm,
-        )
+def goal_of(data: bytes | bytearray, ranges: Ranges) -> Goal:
+    """A command as the drive reads it. Raises CodecError for one cut short."""
+    torque = torque_code_of(data)
+    packed = int.from_bytes(data[:_COMMAND_LENGTH], "big")
+    velocity, stiffness, damping = (packed >> shift & _LAST_SHORT for shift in (36, 24, 12))
+    return ranges.goal_of(packed >> 48, velocity, stiffness, damping, torque)
 
 
 class Reply(NamedTuple):
@@ -200,12 +96,7 @@ class Reply(NamedTuple):
     @classmethod
     def of(cls, node: int, position_rad: float, velocity_rad_s: float, torque_nm: float, ranges: Ranges) -> Self:
         """As the drive casts its measurements: what is beyond its range makes a code beyond its bits."""
-        return cls(
-            node,
-            int((position_rad + ranges.position_rad) / ranges.position_step_rad),
-            int((velocity_rad_s + ranges.velocity_rad_s) / ranges.velocity_step_rad_s),
-            int((torque_nm + ranges.torque_nm) / ranges.torque_step_nm),
-        )
+        return cls(node, *ranges.cut(position_rad, velocity_rad_s, torque_nm))
 
     def encode(self) -> bytes:
         """Codes beyond their bits wrap, and run into their neighbours, as in the firmware, which does not clamp."""
@@ -240,4 +131,6 @@ class Reply(NamedTuple):
 
 def describe_error(error: int) -> str:
     """CubeMars' error byte in words; unknown numbers are said as such."""
-    return _ERRORS[error] if error < len(_ERRORS) else f"unknown error {error}"
+    if error <= ERRORS_MAX:
+        return _ERRORS[error]
+    return f'unknown error {error}; a Damiao motor (driver = "damiao") has a temperature in its place'

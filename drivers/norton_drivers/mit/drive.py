@@ -4,6 +4,7 @@ from norton_drivers.link import Link
 from norton_drivers.mit.actuator import MitActuator
 from norton_drivers.mit.options import MitOptions
 from norton_drivers.mit.replies import answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.spoken_to.options import UNITS
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 CONNECTION = "can"
@@ -12,14 +13,8 @@ OPTION_UNITS = {
     "position_range": "rad",
     "velocity_range": "rad/s",
     "torque_range": "N*m",
-    "torque_constant": "N*m/A",
-    "watchdog": "s",
     "watchdog_probe": "N*m",
-    "stiffness": "N*m/rad",
-    "damping": "N*m*s/rad",
-    "greatest_torque": "N*m",
-    "loop_period": "s",
-    "velocity_window": "s",
+    **UNITS,
 }
 
 

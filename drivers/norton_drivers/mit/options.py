@@ -6,11 +6,24 @@ from typing import ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.mit import Ranges
-from norton_drivers.servo import SHORTEST_WINDOW_S, Servo
+from norton_drivers.codecs.ranges import Ranges
+from norton_drivers.servo import Servo
+from norton_drivers.spoken_to.options import (
+    BeyondRange,
+    Damping,
+    GreatestTorque,
+    LoopPeriod,
+    Stiffness,
+    TorqueConstant,
+    VelocityWindow,
+    check_gains,
+    check_greatest,
+    servo_of,
+)
 from norton_drivers.wiring import DeviceOptions
 
 LEAST_PROBE_STEPS = 8
+_ANY = Ranges(1.0, 1.0, 1.0)  # the codes of gains do not depend on what a motor's other codes span
 
 
 class MitOptions(DeviceOptions):
@@ -39,16 +52,8 @@ class MitOptions(DeviceOptions):
         description="torques go from minus to plus this; as in the drive's own table: a wrong one scales every torque",
         examples=["18 N*m"],
     )
-    beyond_range: Literal["saturates", "wraps"] = Field(
-        "saturates", description='what the position does there: "saturates", which stops the experiment, or "wraps"'
-    )
-    torque_constant_nm_a: float | None = Field(
-        None,
-        alias="torque_constant",
-        gt=0,
-        description="for telling the current from the torque in a reply",
-        examples=["0.1 N*m/A"],
-    )
+    beyond_range: BeyondRange = "saturates"
+    torque_constant_nm_a: TorqueConstant = None
     temperature_offset_c: float = Field(
         0.0,
         alias="temperature_offset",
@@ -75,59 +80,27 @@ class MitOptions(DeviceOptions):
     mode: Literal["torque", "position"] = Field(
         "torque", description='what is commanded: "torque" [N*m], or "position" [rad], which the drive then holds'
     )
-    stiffness_nm_rad: float | None = Field(
-        None,
-        alias="stiffness",
-        gt=0,
-        le=protocol.STIFFNESS_MAX_NM_RAD,
-        validate_default=True,
-        description='kp of every command, with mode = "position"',
-        examples=["2 N*m/rad"],
-    )
-    damping_nms_rad: float = Field(
-        0.0,
-        alias="damping",
-        ge=0,
-        le=protocol.DAMPING_MAX_NMS_RAD,
-        description='kd of every command, with mode = "position"',
-        examples=["0.02 N*m*s/rad"],
-    )
-    greatest_torque_nm: float = Field(
-        inf,
-        alias="greatest_torque",
-        gt=0,
-        description='the drive\'s own limit (its greatest current), with mode = "position"',
-        examples=["0.4 N*m"],
-    )
-    loop_period_s: float = Field(
-        25e-6, alias="loop_period", gt=0, le=1e-3, description="how often the drive works out its position loop"
-    )
-    velocity_window_s: float = Field(
-        475e-6,
-        alias="velocity_window",
-        ge=SHORTEST_WINDOW_S,
-        le=5e-3,
-        description="how far apart are the positions that give it ω",
-    )
+    stiffness_nm_rad: Stiffness = None
+    damping_nms_rad: Damping = 0.0
+    greatest_torque_nm: GreatestTorque = inf
+    loop_period_s: LoopPeriod = 25e-6
+    velocity_window_s: VelocityWindow = 475e-6
 
     @property
     def servo(self) -> Servo | None:
-        if self.mode == "torque" or self.stiffness_nm_rad is None:
-            return None
-        return Servo(
-            stiffness_nm_rad=protocol.stiffness_of(protocol.stiffness_code(self.stiffness_nm_rad)),
-            damping_nms_rad=protocol.damping_of(protocol.damping_code(self.damping_nms_rad)),
-            delay_s=0.5 * self.loop_period_s,  # what is worked out is held for a period
-            window_s=self.velocity_window_s,
-            greatest_nm=self.greatest_torque_nm,
-        )
+        return servo_of(self, self.ranges)
 
     @field_validator("stiffness_nm_rad")
     @classmethod
     def _is_there_for_position(cls, stiffness_nm_rad: float | None, info: ValidationInfo) -> float | None:
-        if info.data.get("mode") == "position" and protocol.stiffness_code(stiffness_nm_rad or 0.0) == 0:
-            raise ValueError(f'mode = "position" needs it, at least {protocol.stiffness_of(1):.2g} N*m/rad')
+        check_gains(info.data.get("mode"), stiffness_nm_rad, _ANY)
         return stiffness_nm_rad
+
+    @field_validator("damping_nms_rad")
+    @classmethod
+    def _can_be_sent(cls, damping_nms_rad: float) -> float:
+        check_greatest(damping_nms_rad, _ANY.damping_nms_rad, "N*m*s/rad")
+        return damping_nms_rad
 
     @property
     def ranges(self) -> Ranges:

@@ -9,8 +9,8 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from math import nan
+from typing import ClassVar
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -18,13 +18,14 @@ from pydantic import Field, ValidationInfo, field_validator
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc import Packet, describe_fault
-from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
-from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
+from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveStatus, MotionReading
+from norton_drivers.vesc.current import CurrentDrive
 from norton_drivers.vesc.messages import VescQueries, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
-from norton_drivers.vesc.motor import MOTOR_UNITS, TIMEOUT_LOOK_S, SeenFaults, VescMotorOptions, VescShaft
+from norton_drivers.vesc.motor import MOTOR_UNITS, VescMotorOptions, fault_words
+from norton_drivers.vesc.shaft import VescShaft
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
@@ -69,17 +70,16 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> "Vesc":
     return Vesc(settings, parse_options(VescOptions, settings), link.can_port(settings), link)
 
 
-class Vesc(DriveBase):
+class Vesc(CurrentDrive):
     """One motor of a VESC."""
+
+    _kind: ClassVar = "VESC"
 
     heartbeat_timeout_ns = SILENT_NS
 
     def __init__(self, settings: DeviceSettings, options: VescOptions, port: CanPort, link: Link) -> None:
-        super().__init__(settings)
+        super().__init__(settings, options, port, link)
         self.options = options
-        self.command_unit = options.command_unit or ""
-        self._port = port
-        self._link = link
         self._queries = VescQueries(options.node, options.host_node, port, link.clock)
         pole_pairs, encoder = options.pole_pairs, options.position == "encoder"
         self._shaft = (
@@ -87,17 +87,8 @@ class Vesc(DriveBase):
         )
         self._undecoded = 0
         self._frame = protocol.Status(0.0, 0.0, 0.0)
-        self._frames = 0  # of STATUS
-        self._frame_ns = 0
         self._temperatures = protocol.Status4(nan, nan, nan, nan)
         self._supply_v = nan
-        self._enabled = False
-        self._faults = SeenFaults()
-        self._released_from = 0  # the count of STATUS that first tells what became of the last stop
-        self._probe_flowed = False
-        packet = Packet.SET_DUTY if options.mode == "duty" else Packet.SET_CURRENT
-        self._command_id = protocol.arbitration_id(packet, options.node)
-        self._current_id = protocol.arbitration_id(Packet.SET_CURRENT, options.node)
         self._handlers = self._handlers_by_id()
         port.subscribe(self._on_frame)
         link.questions.append(self._queries.ask_fault_now_and_then)
@@ -140,18 +131,6 @@ class Vesc(DriveBase):
         self._wait_for(lambda: self._frames > frames, timeout_s, "sends no STATUS")
         self._enabled, self._status = True, None
 
-    def command(self, value: float) -> float:
-        """Command a current, a torque or a duty cycle, which also feeds the timeout; returns what is sent of it.
-
-        Raises ConnectionFailedError, DeviceError.
-        """
-        try:
-            payload, sent = self.options.encoded(self._direction * value)
-        except CodecError as error:
-            raise DeviceError(f"{self._place}: cannot command {value} {self.command_unit}") from error
-        self._port.send(self._command_id, payload, extended=True)
-        return self._direction * sent
-
     @property
     def malformed(self) -> int:
         """Frames that could not be decoded, and packets that could not be put together."""
@@ -162,32 +141,7 @@ class Vesc(DriveBase):
         """The step of STATUS_4's angle, or a sixth of an electrical turn."""
         return self._shaft.step_rad
 
-    @property
-    def watchdog_s(self) -> float:
-        """The timeout as set, and the interval at which the firmware looks whether it is over."""
-        return self.options.watchdog_s + TIMEOUT_LOOK_S if self.options.watchdog_s else 0.0
-
-    def provoke_watchdog(self) -> None:
-        """The probe's current, where the rig gives one: STATUS shows how it ends."""
-        self._probe_flowed = False
-        self._send_current(self._direction * self.options.watchdog_probe_a)
-
-    def made_itself_safe(self) -> bool | None:
-        return not self._probe_flows if self._probe_flowed else None
-
-    def stop(self) -> None:
-        """A command of zero, then a current of zero, which lets go of the motor in every mode."""
-        self._enabled, self._status = False, None
-        self._released_from = self._frames + 2  # one may have been on its way
-        with suppress(Exception):
-            self.command(0.0)
-        with suppress(Exception):
-            self._send_current(0.0)
-
     # ---- What is sent --------------------------------------------------------------------------------------------
-
-    def _send_current(self, current_a: float) -> None:
-        self._port.send(self._current_id, protocol.current_value(current_a), extended=True)
 
     def _ping(self, timeout_s: float) -> None:
         pongs, asked = self._queries.pongs, self._queries.pongs.count
@@ -208,15 +162,7 @@ class Vesc(DriveBase):
         self._wait_for(lambda: versions.count > asked, timeout_s, "does not tell its firmware's version")
         return versions.take()[-1]
 
-    def _wait_for(self, arrived: Callable[[], bool], timeout_s: float, otherwise: str) -> None:
-        if not wait_until(arrived, self._link, timeout_s):
-            raise DeviceTimeoutError(f"{self._place}: {otherwise} ({timeout_s:g} s waited)")
-
     # ---- State ---------------------------------------------------------------------------------------------------
-
-    @property
-    def _place(self) -> str:
-        return f"[{self.role}] VESC {self.options.node} on {self._port.name}"
 
     @property
     def _heard(self) -> bool:
@@ -232,17 +178,9 @@ class Vesc(DriveBase):
             bus_voltage_v=self._supply_v,
         )
 
-    def _state(self) -> DriveState:
-        if not self._heard:
-            return DriveState.UNKNOWN
-        if self._faults.words():
-            return DriveState.FAULT
-        driving = self._frames < self._released_from or self._frame.drawn_a != 0.0
-        return DriveState.ENABLED if self._enabled or driving else DriveState.IDLE
-
     @property
-    def _probe_flows(self) -> bool:
-        return abs(self._frame.drawn_a) >= 0.5 * self.options.watchdog_probe_a > 0.0
+    def _flowing_a(self) -> float:
+        return self._frame.drawn_a
 
     # ---- What arrives --------------------------------------------------------------------------------------------
 
@@ -268,11 +206,8 @@ class Vesc(DriveBase):
 
     def _on_status(self, data: bytearray, arrival_ns: int) -> None:
         frame = self._frame = protocol.Status.decode(data)
-        self._frames += 1
-        self._frame_ns = arrival_ns
-        self._status = None
+        self._on_current(arrival_ns)
         self._shaft.on_erpm(frame.erpm)
-        self._probe_flowed |= self._probe_flows
         if frame.current_a is not None:
             current_a = self._direction * protocol.middle(frame.current_a, protocol.CURRENT_STEP_A)
             self._current.put(CurrentReading(self._current.count, arrival_ns, current_a))
@@ -300,4 +235,4 @@ class Vesc(DriveBase):
 
     def _on_fault_told(self) -> None:
         self._status = None
-        self._faults.tell(self._queries.fault, kept=self._enabled)
+        self._faults.tell(fault_words(self._queries.fault), kept=self._enabled)

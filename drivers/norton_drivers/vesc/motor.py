@@ -1,17 +1,15 @@
-"""What VESCs have in common, whichever line they are on: options, commands, faults, and the shaft."""
+"""What VESCs have in common, whichever line they are on: options, commands and faults."""
 
-from math import isfinite, pi
+from math import isfinite
 from typing import ClassVar, Literal, NamedTuple
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.vesc import describe_fault
-from norton_drivers.readings import Unwrapped
 from norton_drivers.wiring import DeviceOptions
 
 TIMEOUT_LOOK_S = 0.010  # how often the firmware looks whether the timeout is over (bldc: timeout.c)
-TURN_RAD = 2 * pi
 MOTOR_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s"}
 
 
@@ -78,11 +76,7 @@ class VescMotorOptions(DeviceOptions):
         if self.mode == "duty":
             payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
             return Encoded(payload, protocol.duty_of(payload))
-        current_a = value / self.per_ampere
-        if abs(current_a) < self.minimum_current_a:
-            current_a = 0.0  # the drive lets go of the motor
-        payload = protocol.current_value(current_a)
-        return Encoded(payload, protocol.current_of(payload) * self.per_ampere)
+        return encoded_current(value, self.per_ampere, self.minimum_current_a)
 
 
 class Encoded(NamedTuple):
@@ -92,18 +86,32 @@ class Encoded(NamedTuple):
     sent: float
 
 
+def encoded_current(value: float, per_ampere: float, minimum_a: float) -> Encoded:
+    """A current for a command of which one ampere is ``per_ampere``. Raises CodecError for what cannot be sent."""
+    current_a = value / per_ampere
+    if abs(current_a) < minimum_a:
+        current_a = 0.0  # the drive lets go of the motor
+    payload = protocol.current_value(current_a)
+    return Encoded(payload, protocol.current_of(payload) * per_ampere)
+
+
+def fault_words(code: int) -> str:
+    """Empty for no fault."""
+    return describe_fault(code) if code else ""
+
+
 class SeenFaults:
     """A fault clears itself after half a second: one that was seen while the drive was to drive stays until that is
-    asked for anew. ``present`` is the code told last, 0 for none."""
+    asked for anew. ``present`` is the one told last, empty for none."""
 
     def __init__(self) -> None:
-        self.present = 0
+        self.present = ""
         self._seen: tuple[str, ...] = ()
 
-    def tell(self, code: int, *, kept: bool) -> None:
-        self.present = code
-        words = describe_fault(code)
-        if code and kept and words not in self._seen:
+    def tell(self, words: str, *, kept: bool) -> None:
+        """The fault that the drive tells now, empty for none."""
+        self.present = words
+        if words and kept and words not in self._seen:
             self._seen = (*self._seen, words)
 
     def forget(self) -> None:
@@ -113,38 +121,4 @@ class SeenFaults:
         """Those seen, else the present one."""
         if self._seen or not self.present:
             return self._seen
-        return (describe_fault(self.present),)
-
-
-class VescShaft:
-    """In the drive's own sense, from codes of ``codes_per_turn`` that begin anew after ``span``. ``velocity_rad_s`` is
-    None until it was told."""
-
-    def __init__(self, pole_pairs: int, codes_per_turn: int, span: int) -> None:
-        self.velocity_rad_s: float | None = None
-        self.step_rad = TURN_RAD / codes_per_turn
-        self._rad_s_per_erpm = TURN_RAD / 60 / pole_pairs
-        self._followed = Unwrapped(span)
-        self._last: tuple[int, float] | None = None  # arrival [ns] and velocity [rad/s] at the last position
-
-    @classmethod
-    def by_tachometer(cls, pole_pairs: int) -> "VescShaft":
-        return cls(pole_pairs, protocol.TACHOMETER_PER_ELECTRICAL_TURN * pole_pairs, protocol.TACHOMETER_SPAN)
-
-    @classmethod
-    def by_encoder(cls, pole_pairs: int, codes_per_turn: int) -> "VescShaft":
-        return cls(pole_pairs, codes_per_turn, codes_per_turn)
-
-    def on_erpm(self, erpm: float) -> None:
-        """The electrical speed, as it was cut off."""
-        self.velocity_rad_s = protocol.middle(erpm, protocol.ERPM_STEP) * self._rad_s_per_erpm
-
-    def position_rad(self, code: int, arrival_ns: int) -> float:
-        """From a code, in steps: the velocity tells which turn it is in."""
-        velocity_rad_s = self.velocity_rad_s or 0.0
-        expected_rad = 0.0
-        if self._last is not None:
-            last_ns, last_rad_s = self._last
-            expected_rad = 0.5 * (velocity_rad_s + last_rad_s) * (arrival_ns - last_ns) * 1e-9
-        self._last = arrival_ns, velocity_rad_s
-        return self._followed.follow(code, expected_rad / self.step_rad) * self.step_rad
+        return (self.present,)

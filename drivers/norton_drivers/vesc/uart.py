@@ -13,15 +13,15 @@ from math import nan
 
 from norton_drivers.codecs import vesc, vesc_uart
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.vesc import describe_fault
 from norton_drivers.codecs.vesc_uart import PacketStream, Say, Value, mask_of
 from norton_drivers.errors import DeviceError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from norton_drivers.registry import SerialProbe
 from norton_drivers.serial_drive import Question, SerialDrive
-from norton_drivers.vesc.motor import MOTOR_UNITS, TIMEOUT_LOOK_S, SeenFaults, VescShaft
+from norton_drivers.vesc.motor import MOTOR_UNITS, TIMEOUT_LOOK_S, SeenFaults, fault_words
 from norton_drivers.vesc.options import SLOW, VescUartOptions
+from norton_drivers.vesc.shaft import VescShaft
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 SILENT_NS = 150_000_000
@@ -99,7 +99,7 @@ class VescUart(SerialDrive):
         if self._answers == told:
             raise self._late(timeout_s, "does not answer")
         if not faultless:
-            raise DeviceError(f"{self._place}: refuses to drive its motor: {describe_fault(self._faults.present)}")
+            raise DeviceError(f"{self._place}: refuses to drive its motor: {self._faults.present}")
         self.command(0.0)
         self._enabled, self._status = True, None
 
@@ -212,7 +212,7 @@ class VescUart(SerialDrive):
         self._values.update(values)
         self._told_ns, self._status = arrival_ns, None
         self._answers += 1
-        self._faults.tell(int(values[Value.FAULT]), kept=self._enabled)
+        self._faults.tell(fault_words(int(values[Value.FAULT])), kept=self._enabled)
         self._shaft.on_erpm(values[Value.ERPM])
         sign, motion, current = self._direction, self._motion, self._current
         place = self._shaft.position_rad(round(values[self._place_value] * self._codes_per_unit), asked_ns)

@@ -9,22 +9,22 @@ are emulated where the rig's commands are positions: at the period and with the 
 encoder's counts, up to the amplifier's greatest current.
 """
 
-from collections import deque
 from typing import cast
 
 import can
 
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.mit import Goal, Reply, Special
+from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.codecs.ranges import RELEASED, Goal
 from norton_drivers.mit import MitOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
+from norton_sim.firmware.loop import PositionLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
 TOO_HOT = 1
-RELEASED = Goal(0.0, 0.0, 0.0, 0.0, 0.0)
 ERRORS = {DriveFault.FAULT: 2, DriveFault.UNDERVOLTAGE: 4, DriveFault.OVER_TEMPERATURE: TOO_HOT}
 
 
@@ -45,8 +45,7 @@ class MitMotor:
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._armed = False
         self._zero_rad = 0.0
-        self._places = deque[float]()  # that its velocity is taken from, the oldest first; none without a loop
-        self._window_s = 0.0
+        self._loop: PositionLoop | None = None
         self._goal = RELEASED
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
@@ -54,7 +53,8 @@ class MitMotor:
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            self._start_loop(context, options)
+            self._loop = PositionLoop(self._plant, self._machine, options.loop_period_s, options.velocity_window_s)
+            context.cyclic(round(options.loop_period_s * 1e9), self._hold)
 
     @property
     def armed(self) -> bool:
@@ -95,7 +95,7 @@ class MitMotor:
         special = protocol.special_of(message.data)
         try:
             if special is None:
-                self._obey(Goal.decode(message.data, self._ranges))
+                self._obey(protocol.goal_of(message.data, self._ranges))
             else:
                 self._do(special)
         except CodecError:
@@ -104,7 +104,7 @@ class MitMotor:
     def _obey(self, goal: Goal) -> None:
         self._goal = goal
         self._commanded_ns = self._world.now_ns
-        if self._armed and not self._loops:
+        if self._armed and self._loop is None:
             self._push(goal.torque_nm)
 
     def _push(self, torque_nm: float) -> None:
@@ -114,7 +114,7 @@ class MitMotor:
         match special:
             case Special.ENABLE if not self._armed:
                 self.error, self._armed = protocol.NO_ERROR, True
-                if not self._loops:
+                if self._loop is None:
                     self._push(self._goal.torque_nm)
             case Special.DISABLE:
                 self._disarm()
@@ -123,30 +123,12 @@ class MitMotor:
 
     # ---- what it does by itself ----
 
-    def _start_loop(self, context: DeviceContext, options: MitOptions) -> None:
-        period_ns = round(options.loop_period_s * 1e9)
-        places = max(1, round(options.velocity_window_s / options.loop_period_s))
-        self._places = deque([self._plant.encoder_position_rad(self._machine)] * (places + 1), maxlen=places + 1)
-        self._window_s = places * options.loop_period_s
-        context.cyclic(period_ns, self._hold)
-
-    @property
-    def _loops(self) -> bool:
-        """Whether it works out a position loop."""
-        return bool(self._places)
-
     def _hold(self, _stamp_ns: int) -> None:
         """One cycle of torque_control, with the velocity of ps_sample."""
-        position_rad, goal, places = self._plant.encoder_position_rad(self._machine), self._goal, self._places
-        places.append(position_rad)
-        if not self._armed:
-            return
-        velocity_rad_s = (position_rad - places[0]) / self._window_s
-        self._push(
-            goal.stiffness_nm_rad * (goal.position_rad - (position_rad - self._zero_rad))
-            + goal.damping_nms_rad * (goal.velocity_rad_s - velocity_rad_s)
-            + goal.torque_nm
-        )
+        if self._loop is not None:
+            torque_nm = self._loop.torque_nm(self._goal, self._zero_rad)
+            if self._armed:
+                self._push(torque_nm)
 
     def _look(self, stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)

@@ -32,10 +32,10 @@ class VescController:
 
     @property
     def armed(self) -> bool:
-        return self.motor.running
+        return self.motor.amplifier.running
 
     def break_down(self, fault: DriveFault) -> None:
-        self.motor.break_down(fault)
+        self.motor.amplifier.break_down(fault)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -46,7 +46,7 @@ class VescController:
     def _send_fast(self, stamp_ns: int) -> None:
         motor = self.motor
         self._send(Packet.STATUS, protocol.Status(motor.erpm(), motor.drawn_a(), motor.duty()).encode())
-        status_4 = protocol.Status4(motor.heating.temperature_c, 0.0, motor.supply_a(), motor.angle_deg())
+        status_4 = protocol.Status4(motor.amplifier.heating.temperature_c, 0.0, motor.supply_a(), motor.angle_deg())
         self._send(Packet.STATUS_4, status_4.encode())
         if self._options.position == "tachometer":
             self._send_status_5(stamp_ns)
@@ -86,7 +86,7 @@ class VescController:
 
     def _answer(self, received: protocol.Received) -> None:
         if received.payload == protocol.ask_fault():
-            answer = protocol.fault_value(self.motor.fault)
+            answer = protocol.fault_value(self.motor.amplifier.fault)
         elif received.payload == protocol.ask_version():
             answer = protocol.version_value(*VERSION)
         else:

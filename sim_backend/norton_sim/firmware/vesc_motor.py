@@ -1,8 +1,6 @@
 """A VESC's motor in FOC mode with an encoder, whichever line it is spoken to on.
 
-Source: vedderb/bldc: timeout.c (looks every 10 ms; a brake current of zero releases the motor), motor/mc_interface.c (a
-fault stops the motor; commands are then ignored for half a second, after which it has cleared itself),
-motor/mcpwm_foc.c (released below the minimum current; the sign of the current; voltage to duty cycle; the tachometer).
+Source: vedderb/bldc: motor/mcpwm_foc.c (the sign of the current; voltage to duty cycle; the tachometer).
 
 Only the commands of the rig's mode are emulated, and a current of zero. In duty mode the voltage is over the winding:
 the resistance follows from the plant's amplifier gain [A for a duty cycle of 1], the back-EMF from its torque constant
@@ -14,33 +12,26 @@ from typing import cast
 
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.vesc.motor import VescMotorOptions
-from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
+from norton_sim.firmware.context import DeviceContext, DriveFault
+from norton_sim.firmware.releasing import ReleasingAmplifier
 from norton_sim.plant import Machine
 
-TIMEOUT_PERIOD_NS = 10_000_000
 DUTY_PERIOD_NS = 125_000
-FAULT_STOP_NS = 500_000_000
 
 SUPPLY_V = 24.0
 WINDING_OHM = 0.1  # where no voltage is commanded, it shows in the duty cycle alone
-MOST_CURRENT_A = 60.0
 MOST_DUTY = 0.95
 DUTY_PER_SHARE = sqrt(3.0)  # duty cycle 1 is the greatest circle's voltage, supply / √3
 AMPLITUDE_PER_TORQUE_CURRENT = 2.0 / 3.0  # flux linkage times pole pairs, for each newton metre per ampere
 
 VERSION = (6, 5, "60")
-FAULT_OVER_TEMPERATURE = 5
-FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPERATURE: FAULT_OVER_TEMPERATURE}
+FAULTS = {DriveFault.FAULT: 3, DriveFault.UNDERVOLTAGE: 2, DriveFault.OVER_TEMPERATURE: 5}
 
 
 class VescMotor:
-    """``fault`` is its fault code, ``timed_out`` whether its timeout has acted since the last command."""
+    """One motor, with its ``amplifier``."""
 
     def __init__(self, context: DeviceContext, options: VescMotorOptions) -> None:
-        self.fault = 0
-        self.timed_out = False
-        self.running = False
-        self.heating = Heating()
         self._options = options
         self._world = context.world
         self._plant = context.world.plant
@@ -49,15 +40,19 @@ class VescMotor:
         self._amplifier_gain = truth.amplifier_gain
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
         self._duty: float | None = None  # where the voltage is what is commanded
-        self._commanded_ns = context.world.now_ns
-        self._ignores_until_ns = 0
         self._frozen: tuple[float, float] | None = None
-        context.cyclic(TIMEOUT_PERIOD_NS, self._look)
-        if options.mode == "duty":
+        in_duty = options.mode == "duty"
+        self.amplifier = ReleasingAmplifier(
+            context,
+            self._machine,
+            FAULTS,
+            minimum_current_a=options.minimum_current_a,
+            timeout_s=options.watchdog_s,
+            per_ampere=1 / self._amplifier_gain if in_duty else options.per_ampere,
+        )
+        self.amplifier.on_release = self._end_duty
+        if in_duty:
             context.cyclic(DUTY_PERIOD_NS, self._press)
-
-    def break_down(self, fault: DriveFault) -> None:
-        self._stop_for(FAULTS[fault])
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -81,11 +76,11 @@ class VescMotor:
 
     def current_a(self) -> float:
         """One measurement, with the sign of its torque."""
-        return self._plant.current_a(self._machine) if self.running else 0.0
+        return self._plant.current_a(self._machine) if self.amplifier.running else 0.0
 
     def drawn_a(self) -> float:
         """Positive where the motor draws power, negative where it generates."""
-        return copysign(1.0, self._voltage_v()) * self.current_a() if self.running else 0.0
+        return copysign(1.0, self._voltage_v()) * self.current_a() if self.amplifier.running else 0.0
 
     def supply_a(self) -> float:
         return self._winding_ohm * self._plant.true_current_a(self._machine) ** 2 / SUPPLY_V
@@ -110,29 +105,18 @@ class VescMotor:
 
     # ---- what it does when told ----
 
-    def feed(self) -> None:
-        """Reset the timeout, as every command does."""
-        self._commanded_ns, self.timed_out = self._world.now_ns, False
-
     def set_current(self, current_a: float) -> None:
-        self.feed()
-        if self.fault:
-            return
-        if abs(current_a) < self._options.minimum_current_a:
-            self._release()
-            return
-        self.running, self._duty = True, None
-        limited_a = min(max(current_a, -MOST_CURRENT_A), MOST_CURRENT_A)
-        per_ampere = 1 / self._amplifier_gain if self._options.mode == "duty" else self._options.per_ampere
-        self._plant.command(self._machine, limited_a * per_ampere)
+        if self.amplifier.set_current(current_a):
+            self._end_duty()
 
     def set_duty(self, duty: float) -> None:
         """Where the rig's commands are duty cycles."""
-        self.feed()
-        if self.fault or self._options.mode != "duty":
-            return
-        self.running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
-        self._press(self._world.now_ns)
+        if self.amplifier.heed() and self._options.mode == "duty":
+            self.amplifier.running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
+            self._press(self._world.now_ns)
+
+    def _end_duty(self) -> None:
+        self._duty = None
 
     # ---- what it does by itself ----
 
@@ -141,23 +125,3 @@ class VescMotor:
         if self._duty is not None:
             back_emf_v = self._volt_s_rad * self._plant.encoder_velocity_rad_s(self._machine)
             self._plant.command(self._machine, self._duty - DUTY_PER_SHARE * back_emf_v / SUPPLY_V)
-
-    def _look(self, stamp_ns: int) -> None:
-        self.heating.carry(self._plant.true_current_a(self._machine), TIMEOUT_PERIOD_NS * 1e-9)
-        if self.heating.too_hot:
-            self._stop_for(FAULT_OVER_TEMPERATURE)
-        elif self.fault and stamp_ns >= self._ignores_until_ns:
-            self.fault = 0
-        timeout_ns = round(self._options.watchdog_s * 1e9)
-        if timeout_ns and stamp_ns - self._commanded_ns > timeout_ns:
-            self.timed_out = True
-            self._release()
-
-    def _stop_for(self, fault: int) -> None:
-        self.fault = self.fault or fault
-        self._ignores_until_ns = self._world.now_ns + FAULT_STOP_NS
-        self._release()
-
-    def _release(self) -> None:
-        self.running, self._duty = False, None
-        self._plant.release(self._machine)

@@ -40,10 +40,10 @@ class VescSerial:
 
     @property
     def armed(self) -> bool:
-        return self.motor.running
+        return self.motor.amplifier.running
 
     def break_down(self, fault: DriveFault) -> None:
-        self.motor.break_down(fault)
+        self.motor.amplifier.break_down(fault)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -84,7 +84,7 @@ class VescSerial:
             case Say.SET_DUTY:
                 self.motor.set_duty(protocol.duty_of(payload[1:5]))
             case Say.ALIVE:
-                self.motor.feed()
+                self.motor.amplifier.heed()
             case Say.FW_VERSION:
                 return protocol.version_value(*VERSION)
             case Say.GET_VALUES:
@@ -96,15 +96,15 @@ class VescSerial:
     def _values(self, mask: int) -> Mapping[Value, float]:
         motor = self.motor
         values: dict[Value, float] = {
-            Value.TRANSISTOR_C: motor.heating.temperature_c,
+            Value.TRANSISTOR_C: motor.amplifier.heating.temperature_c,
             Value.SUPPLY_A: motor.supply_a(),
             Value.DUTY: motor.duty(),
             Value.ERPM: motor.erpm(),
             Value.SUPPLY_V: SUPPLY_V,
             Value.TACHOMETER: motor.tachometer(),
-            Value.FAULT: motor.fault,
+            Value.FAULT: motor.amplifier.fault,
             Value.POSITION_DEG: motor.angle_deg(),
-            Value.STATUS: vesc_uart.TIMED_OUT * motor.timed_out,
+            Value.STATUS: vesc_uart.TIMED_OUT * motor.amplifier.timed_out,
         }
         if mask >> Value.Q_A & 1:
             values[Value.Q_A] = self._average_current_a()

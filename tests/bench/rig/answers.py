@@ -10,6 +10,9 @@ COMMON = {
 }
 CIA402 = {"torque_per_unit": "0.5 mN*m", "counts_per_turn": "131072", "velocity_per_unit": "0.001 rpm"}
 MIT = {"position_range": "12.5 rad", "velocity_range": "80 rad/s", "torque_range": "2 N*m", "beyond_range": "wraps"}
+DAMIAO = {"master": "21", "beyond_range": "wraps", "velocity_range": "80 rad/s", "torque_range": "2 N*m"}
+ROBSTRIDE = {"motor": "rs05", "beyond_range": "wraps", "velocity_range": "80 rad/s"}
+CUBEMARS = {"pole_pairs": "21", "gear_ratio": "1", "beyond_range": "wraps"}
 # What each needs beyond its driver: as actuator with its command, and as load.
 ACTUATORS = {
     "odrive": {"node": "5", "command": "0.5 N*m"},
@@ -18,12 +21,18 @@ ACTUATORS = {
     "vesc": {"node": "5", "pole_pairs": "7", "command": "9 A"},
     "vesc torque": {"node": "5", "pole_pairs": "7", "mode": "torque", "torque_constant": "0.06 N*m/A",
                     "command": "0.5 N*m"},
+    "damiao": {"node": "5", "command": "0.5 N*m", **DAMIAO},
+    "robstride": {"node": "5", "command": "0.5 N*m", **ROBSTRIDE},
+    "cubemars": {"node": "5", "command": "9 A", **CUBEMARS},
 }  # fmt: skip
 LOADS = {
     "odrive": {"node": "2"},
     "cia402": {"node": "2", **CIA402},
     "mit": {"node": "2", **MIT},
     "vesc": {"node": "2", "pole_pairs": "7", "torque_constant": "0.06 N*m/A"},
+    "damiao": {"node": "2", **DAMIAO},
+    "robstride": {"node": "2", **ROBSTRIDE},
+    "cubemars": {"node": "2", "torque_constant": "0.06 N*m/A", **CUBEMARS},
 }
 SENSORS = {
     "bota": {"port": "/dev/ttyUSB0"},

@@ -73,6 +73,9 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "simplefoc": {"mode": "torque", "torque_constant": 0.05, "current_limit": 9.0},
         "vesc": {"node": 1, "pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
         "vesc_uart": {"pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
+        "damiao": {"node": 1, "master": 17},
+        "robstride": {"node": 1, "motor": "rs02"},
+        "cubemars": {"node": 1, "pole_pairs": 21, "gear_ratio": 9, "mode": "torque", "torque_constant": 0.8},
     }[driver]
     options = amplifier_options(driver, needed)
     assert options is not None

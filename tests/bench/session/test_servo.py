@@ -18,10 +18,10 @@ from norton_bench.session.dry_run import dry_run
 from norton_bench.session.engine import record_session
 from norton_bench.session.items import Session, Step
 from norton_bench.session.schema import standard_session
-from norton_drivers.codecs.mit import Special
+from norton_drivers.codecs.mit import Special, goal_value
 from norton_drivers.mit import MitOptions
-from norton_drivers.mit.goals import Goals
 from norton_drivers.registry import load_backend
+from norton_drivers.spoken_to.goals import Goals
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-servo.toml"
 STEPS = (
@@ -58,7 +58,11 @@ def true_motion(goals: np.ndarray) -> np.ndarray:
     simulated = {**rig.simulated, "transport": dict.fromkeys(("can_delay", "can_jitter"), "0 us")}
     backend = load_backend("simulated")(wiring, simulated, seed=7, place=rig.place)
     options = MitOptions.model_validate(rig.wiring.actuator.options)
-    bus, world, told = backend.open_can(wiring.buses[0]).bus, backend.world, Goals(options.ranges, rig.servo)
+    bus, world, told = (
+        backend.open_can(wiring.buses[0]).bus,
+        backend.world,
+        Goals(options.ranges, rig.servo, goal_value),
+    )
     bus.send(can.Message(arbitration_id=options.node, data=Special.ENABLE.encode(), is_extended_id=False))
     places = []
     for goal in goals:

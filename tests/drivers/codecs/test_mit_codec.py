@@ -12,7 +12,8 @@ from TMotorCANControl.mit_can import CAN_Manager, MIT_Params
 
 from norton_drivers.codecs import mit
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.mit import Ranges, Reply, Special
+from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.codecs.ranges import POSITION_CODES, Ranges
 
 RANGES = Ranges(12.5, 50.0, 18.0)  # AK80-9, as both packages have it (but for the velocity of one)
 CODES12, CODES16 = st.integers(0, 4095), st.integers(0, 65535)
@@ -141,8 +142,8 @@ def test_a_shaft_that_stands_still_reads_zero():
 def test_a_position_beyond_the_range_wraps(position_rad):
     """65,536 codes further on, as the firmware's integer is cut to two bytes."""
     reply = Reply.decode(Reply.of(1, position_rad, 0.0, 0.0, RANGES).encode())
-    turned = (position_rad - RANGES.position_of(reply.position_code)) / RANGES.position_step_rad / mit.POSITION_CODES
-    assert abs(turned - round(turned)) < 2 / mit.POSITION_CODES
+    turned = (position_rad - RANGES.position_of(reply.position_code)) / RANGES.position_step_rad / POSITION_CODES
+    assert abs(turned - round(turned)) < 2 / POSITION_CODES
 
 
 @pytest.mark.parametrize("length", [0, 1, 5, 9])

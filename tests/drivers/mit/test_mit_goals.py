@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_drivers.codecs import mit as protocol
-from norton_drivers.codecs.mit import Goal, Ranges
+from norton_drivers.codecs.ranges import Ranges
 from norton_drivers.errors import DeviceError, WiringError
 from norton_drivers.mit import MitOptions
-from norton_drivers.mit.goals import FURTHEST_RAD, LED_RAD_S, Goals
 from norton_drivers.servo import Servo
+from norton_drivers.spoken_to.goals import FURTHEST_RAD, LED_RAD_S, Goals
 
 MS = 1_000_000
 RANGES = Ranges(3.2, 50.0, 2.0)
@@ -23,13 +23,13 @@ STIFF = {"mode": "position", "stiffness": 2.0, "damping": 0.022}
 @given(position_rad=st.floats(-3.2, 3.2))
 def test_a_goal_by_hand(position_rad):
     """unpack_cmd (bgkatz/motorcontrol, can.c): 16, 12, 12, 12 and 12 bits; kp to 500 and kd to 5."""
-    frame, sent_rad = Goals(RANGES, SERVO).frame(position_rad, 0)
+    frame, sent_rad = Goals(RANGES, SERVO, protocol.goal_value).frame(position_rad, 0)
     number = int.from_bytes(frame, "big")
     fields = [number >> shift & (1 << bits) - 1 for shift, bits in ((48, 16), (36, 12), (24, 12), (12, 12), (0, 12))]
     assert fields[0] * 6.4 / 65535 - 3.2 == pytest.approx(sent_rad, abs=1e-12)
     assert sent_rad == pytest.approx(position_rad, abs=0.5 * 6.4 / 65535 + 1e-12)
     assert fields[1:4] == [2047, round(1.9536 / 500 * 4095), round(0.02198 / 5 * 4095)]
-    assert Goal.decode(frame, RANGES).position_rad == pytest.approx(sent_rad, abs=1e-12)
+    assert protocol.goal_of(frame, RANGES).position_rad == pytest.approx(sent_rad, abs=1e-12)
 
 
 def test_gains_are_those_that_a_frame_can_hold():
@@ -58,7 +58,7 @@ def test_a_position_needs_a_stiffness(device, world):
 
 @given(away_rad=st.floats(-FURTHEST_RAD, FURTHEST_RAD), steps=st.lists(st.integers(0, 200), min_size=1, max_size=40))
 def test_a_motor_away_from_zero_is_led_there_slowly(away_rad, steps):
-    goals, now_ns, before = Goals(RANGES, SERVO), 0, away_rad
+    goals, now_ns, before = Goals(RANGES, SERVO, protocol.goal_value), 0, away_rad
     goals.begin(away_rad, now_ns)
     for step in steps:
         now_ns += step * MS
@@ -77,7 +77,7 @@ def test_a_motor_away_from_zero_is_led_there_slowly(away_rad, steps):
 @pytest.mark.parametrize("away_rad", [0.3, -1.0, math.pi])
 def test_a_motor_far_from_zero_is_not_enabled(away_rad):
     with pytest.raises(DeviceError, match=r"where a command of 0 would take it; turn it to within 0\.25 rad"):
-        Goals(RANGES, SERVO).begin(away_rad, 0)
+        Goals(RANGES, SERVO, protocol.goal_value).begin(away_rad, 0)
 
 
 def test_no_gain_is_sent_by_a_stop():
