@@ -87,7 +87,7 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     host = None if backend.lock_step else look_at_host(rig, backend.clock)
     seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
     buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
-    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
+    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.rates)]
     return RigCheck(
         devices=tuple(seen.device(each, buses) for each in watched),
         buses=tuple(buses.values()),
@@ -134,8 +134,8 @@ class _Seen:
         if not isinstance(problem, DeviceTimeoutError):
             return problem
         if settings.bus is not None and settings.bus in buses:
-            bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
-            return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
+            rates = next(bus.rates for bus in self.rig.wiring.buses if bus.name == settings.bus)
+            return explain_silence(settings, problem, buses[settings.bus], rates)
         if settings.port is not None:
             return explain_noise(settings, problem, self.survey.bytes_heard[settings.port], self.backend)
         return problem

@@ -34,4 +34,16 @@ def _remainder_of(byte: int) -> int:
     return byte
 
 
+_NYBBLES_97: Final = (0x00, 0x97, 0xB9, 0x2E, 0xE5, 0x72, 0x5C, 0xCB, 0x5D, 0xCA, 0xE4, 0x73, 0xB8, 0x2F, 0x01, 0x96)
+
+
+def crc8_97(data: bytes | bytearray) -> int:
+    """CRC-8 with the polynomial 0x97, start 0, as mjbots' serial lines have it (moteus, docs/integration/uart.md)."""
+    remainder = 0
+    for byte in data:
+        remainder = _NYBBLES_97[remainder >> 4 ^ byte >> 4] ^ remainder << 4 & 0xFF
+        remainder = _NYBBLES_97[remainder >> 4 ^ byte & 0xF] ^ remainder << 4 & 0xFF
+    return remainder
+
+
 _MODBUS: Final = tuple(_remainder_of(byte) for byte in range(256))
