@@ -79,6 +79,11 @@ class TestMit(AmplifierContract):
         return simulated("sim-mit.toml", "actuator", direction)
 
 
+class TestMoteus(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-moteus.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

@@ -1,11 +1,21 @@
-"""What all codecs share: their one error, and cyclic redundancy checks."""
+"""What all codecs share: their one error, the resolution of their floats, and cyclic redundancy checks."""
 
 from binascii import crc_hqx
+from math import frexp, ldexp
 from typing import Final
 
 
 class CodecError(ValueError):
     """Bytes that are no message, or a value that no message can carry."""
+
+
+_FLOAT32_BITS: Final = 24
+
+
+def float32_step(value: float) -> float:
+    """How far apart float32 numbers are near ``value``."""
+    _, exponent = frexp(value)
+    return ldexp(1.0, exponent - _FLOAT32_BITS)
 
 
 # binascii's CRC-16 runs most significant bit first and X-25 runs least significant bit first: the same polynomial

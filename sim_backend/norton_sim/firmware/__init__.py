@@ -12,6 +12,7 @@ FIRMWARE = {
     "odrive 0.5": ("odrive_05", "ODrive05Axis"),
     "cia402": ("cia402", "Cia402Drive"),
     "mit": ("mit", "MitMotor"),
+    "moteus": ("moteus", "MoteusBoard"),
     "vesc": ("vesc", "VescController"),
     "ascii": ("serial_sensors", "AsciiSensor"),
     "bota": ("bota", "BotaSensor"),

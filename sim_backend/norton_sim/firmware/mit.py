@@ -9,7 +9,6 @@ are emulated where the rig's commands are positions: at the period and with the 
 encoder's counts, up to the amplifier's greatest current.
 """
 
-from collections import deque
 from typing import cast
 
 import can
@@ -20,6 +19,7 @@ from norton_drivers.codecs.mit import Goal, Reply, Special
 from norton_drivers.mit import MitOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
+from norton_sim.firmware.position_loop import PositionLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -45,8 +45,7 @@ class MitMotor:
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._armed = False
         self._zero_rad = 0.0
-        self._places = deque[float]()  # that its velocity is taken from, the oldest first; none without a loop
-        self._window_s = 0.0
+        self._loops = servo is not None  # whether it works out a position loop
         self._goal = RELEASED
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
@@ -54,7 +53,7 @@ class MitMotor:
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            self._start_loop(context, options)
+            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:
@@ -123,25 +122,11 @@ class MitMotor:
 
     # ---- what it does by itself ----
 
-    def _start_loop(self, context: DeviceContext, options: MitOptions) -> None:
-        period_ns = round(options.loop_period_s * 1e9)
-        places = max(1, round(options.velocity_window_s / options.loop_period_s))
-        self._places = deque([self._plant.encoder_position_rad(self._machine)] * (places + 1), maxlen=places + 1)
-        self._window_s = places * options.loop_period_s
-        context.cyclic(period_ns, self._hold)
-
-    @property
-    def _loops(self) -> bool:
-        """Whether it works out a position loop."""
-        return bool(self._places)
-
-    def _hold(self, _stamp_ns: int) -> None:
+    def _hold(self, position_rad: float, velocity_rad_s: float) -> None:
         """One cycle of torque_control, with the velocity of ps_sample."""
-        position_rad, goal, places = self._plant.encoder_position_rad(self._machine), self._goal, self._places
-        places.append(position_rad)
         if not self._armed:
             return
-        velocity_rad_s = (position_rad - places[0]) / self._window_s
+        goal = self._goal
         self._push(
             goal.stiffness_nm_rad * (goal.position_rad - (position_rad - self._zero_rad))
             + goal.damping_nms_rad * (goal.velocity_rad_s - velocity_rad_s)
