@@ -90,7 +90,7 @@ def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path
 
 
 # What each rig can perform, of the sessions that are shipped, or what it lacks.
-WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-mit")
+WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-mit", "sim-moteus")
 SESSIONS = ("characterise", "quick", "refine", "zero-torque")
 LACKS = dict.fromkeys(product(SESSIONS, WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-free-shaft"]), "'calibrate' needs a load drive")

@@ -32,8 +32,8 @@ from norton_drivers.wiring import DeviceSettings
 SILENT_NS = 150_000_000
 QUESTION_PERIOD_NS = 10_000_000
 OLDEST_REGISTER_MAP = 4  # velocities and positions have had their scales since
-_STARTING = (Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATION_COMPLETE)
-_AT_REST = (Mode.STOPPED, Mode.FAULT, *_STARTING)
+_AT_REST = (Mode.STOPPED, Mode.FAULT)
+_WITHOUT_CURRENT = (*_AT_REST, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBRATION_COMPLETE)
 
 
 class MoteusController(DriveBase):
@@ -213,7 +213,7 @@ class MoteusController(DriveBase):
             return DriveState.UNKNOWN
         if self._faults or self._mode == Mode.FAULT:
             return DriveState.FAULT
-        return DriveState.IDLE if self._mode in _AT_REST else DriveState.ENABLED
+        return DriveState.IDLE if self._mode in _WITHOUT_CURRENT else DriveState.ENABLED
 
     def _present_faults(self) -> tuple[str, ...]:
         """Of an enabled one also that it obeys no more, or not in full."""

@@ -7,34 +7,34 @@ from typing import Any
 import can
 
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.moteus import ASK_MODE
-from norton_drivers.codecs.multiplex import BROADCAST, NODE_MAX, Address, Kind, Refusal, Subframe, subframes
+from norton_drivers.codecs.moteus import ASK_MODE, Register
+from norton_drivers.codecs.multiplex import BROADCAST, NODE_MAX, Address, Kind, Resolution, Subframe, subframes
 from norton_drivers.readings import RawFrame
 from norton_drivers.registry import Question, Recognised
 
 _DEVICE = "a moteus controller"
+_MODE = Subframe(Kind.REPLY, Register.MODE, Resolution.INT8, 1).encode()
 
 
 def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
-    """A frame of nothing but replies to this computer is sure; one that asks or writes is another host's."""
+    """A reply that begins with the mode is sure, in a classical frame where it has nothing else; what asks is another
+    host's."""
     address = Address.of(message.arbitration_id)
-    if message.is_remote_frame or address.destination > BROADCAST:
+    if message.is_remote_frame or address.destination > BROADCAST or not message.data:
         return None
     try:
         parts = list(subframes(message.data))
     except CodecError:
         return None
-    if not parts:
-        return None
     prefix = {"prefix": address.prefix} if address.prefix or "prefix" in options else {}
-    if all(isinstance(part, Refusal) or part.kind is Kind.REPLY for part in parts):
-        ours = address.destination == options.get("host_node", 0)
-        said = any(isinstance(part, Subframe) for part in parts)
-        sure = said and not address.asks and ours and 1 <= address.source <= NODE_MAX
-        return Recognised(_DEVICE, "reply", {"node": address.source, **prefix}, sure=sure)
-    if not (message.is_fd and address.extended and address.asks):
+    tells_mode = message.data[:2] == _MODE and (message.is_fd or len(message.data) == len(_MODE) + 1)
+    if tells_mode and not address.asks and 1 <= address.source <= NODE_MAX:
+        return Recognised(_DEVICE, "reply", {"node": address.source, **prefix})
+    if not (message.is_fd and parts):
         return None
-    return Recognised(_DEVICE, "command", {"node": address.destination, **prefix}, sure=False, from_host=True)
+    if address.asks:
+        return Recognised(_DEVICE, "command", {"node": address.destination, **prefix}, sure=False, from_host=True)
+    return Recognised(_DEVICE, "reply", {"node": address.source, **prefix}, sure=False)
 
 
 def answers(question: RawFrame, frame: RawFrame) -> bool:

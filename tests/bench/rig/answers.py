@@ -15,6 +15,7 @@ ACTUATORS = {
     "odrive": {"node": "5", "command": "0.5 N*m"},
     "cia402": {"node": "5", "command": "0.5 N*m", **CIA402},
     "mit": {"node": "5", "command": "0.5 N*m", **MIT},
+    "moteus": {"node": "5", "command": "0.5 N*m"},
     "vesc": {"node": "5", "pole_pairs": "7", "command": "9 A"},
     "vesc torque": {"node": "5", "pole_pairs": "7", "mode": "torque", "torque_constant": "0.06 N*m/A",
                     "command": "0.5 N*m"},
@@ -23,6 +24,7 @@ LOADS = {
     "odrive": {"node": "2"},
     "cia402": {"node": "2", **CIA402},
     "mit": {"node": "2", **MIT},
+    "moteus": {"node": "2"},
     "vesc": {"node": "2", "pole_pairs": "7", "torque_constant": "0.06 N*m/A"},
 }
 SENSORS = {

@@ -69,6 +69,7 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "odrive": {"node": 1},
         "mit": {"node": 1, "position_range": 12.5, "velocity_range": 50.0, "torque_range": 2.0},
         "cia402": {"node": 1, "torque_per_unit": 1e-3, "counts_per_turn": 4096, "velocity_per_unit": 0.1},
+        "moteus": {"node": 1},
         "vesc": {"node": 1, "pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
     }[driver]
     options = amplifier_options(driver, needed)
