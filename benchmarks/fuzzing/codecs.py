@@ -4,7 +4,14 @@ from collections.abc import Callable, Iterator, Mapping
 from random import Random
 from typing import Protocol
 
-from . import canopen_objects, drivers_on_can, drives_on_serial, motors_on_can, sensors_on_serial, slcan
+from . import (
+    adapters,
+    canopen_objects,
+    drivers_on_can,
+    drives_on_serial,
+    motors_on_can,
+    sensors_on_serial,
+)
 from .outcome import Outcome
 from .packets import PacketCodec
 
@@ -27,6 +34,7 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "damiao": motors_on_can.damiao_feedback,
     "robstride": motors_on_can.robstride_feedback,
     "cubemars": motors_on_can.cubemars_uploads,
+    "moteus": drivers_on_can.moteus_replies,
     "dbc": drivers_on_can.dbc,
     "bota": sensors_on_serial.bota_frames,
     "dyn200-push": sensors_on_serial.pushed_frames,
@@ -34,5 +42,6 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "ascii": sensors_on_serial.bare_lines,
     "ascii-padded": sensors_on_serial.padded_lines,
     "mantracourt": sensors_on_serial.mantracourt_answers,
-    "slcan": slcan.slcan_lines,
+    "slcan": adapters.slcan_lines,
+    "fdcanusb": adapters.fdcanusb_lines,
 }

@@ -89,7 +89,10 @@ ERROR_FRAME = 0x20000000
 
 
 class RawFrame(NamedTuple):
-    """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording."""
+    """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording.
+
+    ``fd``: a CAN FD frame; ``switched``: its data went at the bus's second bit rate.
+    """
 
     stamp_ns: int
     channel: str
@@ -98,6 +101,8 @@ class RawFrame(NamedTuple):
     arbitration_id: int = -1  # -1: serial bytes
     extended: bool = False
     remote: bool = False
+    fd: bool = False
+    switched: bool = False
 
 
 Reading = TypeVar("Reading")

@@ -14,13 +14,30 @@ from norton_drivers.servo import Servo
 
 @dataclass(frozen=True)
 class CanBusSettings:
-    """One CAN bus, in python-can's own terms (``interface``, ``channel``, ``bitrate`` and its further options)."""
+    """One CAN bus, in python-can's own terms (``interface``, ``channel``, ``bitrate`` and its further options).
+
+    ``fd`` is whether it carries CAN FD frames beside classical ones. Their data go at ``data_bitrate_bit_s``; None:
+    they have no rate of their own, and nothing is switched.
+    """
 
     name: str
     interface: str
     channel: str
     bitrate_bit_s: int = 1_000_000
     options: Mapping[str, Any] = field(default_factory=dict)
+    fd: bool = False
+    data_bitrate_bit_s: int | None = None
+
+    @property
+    def switches_bitrate(self) -> bool:
+        """Whether the data of CAN FD frames go at a rate of their own."""
+        return self.fd and self.data_bitrate_bit_s is not None
+
+    @property
+    def rates(self) -> str:
+        """Its bit rates in words."""
+        data = f" (data {self.data_bitrate_bit_s} bit/s)" if self.switches_bitrate else ""
+        return f"{self.bitrate_bit_s} bit/s{data}"
 
 
 @dataclass(frozen=True)

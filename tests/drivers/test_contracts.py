@@ -124,6 +124,11 @@ class TestCubeMars(AmplifierContract):
         return simulated("sim-cubemars.toml", "actuator", direction)
 
 
+class TestMoteus(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-moteus.toml", "actuator", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

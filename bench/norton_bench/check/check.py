@@ -89,7 +89,7 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
     buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
     lines = check_lines(rig, survey.lines, held_back, exact=backend.lock_step)
-    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
+    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.rates)]
     remarks += [remark for line in lines for remark in line.remarks]
     remarks += [f"port {name}: {words}" for name, words in held_back.items()]
     return RigCheck(
@@ -139,8 +139,8 @@ class _Seen:
         if not isinstance(problem, DeviceTimeoutError):
             return problem
         if settings.bus is not None and settings.bus in buses:
-            bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
-            return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
+            rates = next(bus.rates for bus in self.rig.wiring.buses if bus.name == settings.bus)
+            return explain_silence(settings, problem, buses[settings.bus], rates)
         if settings.port is not None:
             heard = self.survey.lines[settings.port].bytes_heard
             return explain_silent_line(settings, problem, heard, self.backend, self.recognition)

@@ -67,7 +67,7 @@ class BusCheck:
     channel: str
     frames: int
     rate_hz: float
-    load: float  # share of the bitrate, estimated from the frames' lengths
+    load: float  # share of the time, estimated from the frames' lengths and the bit rates
     senders: tuple[Sender, ...] = ()
     strangers: tuple[str, ...] = ()  # identifiers that no driver knows
     troubles: Mapping[str, int] = field(default_factory=dict)
@@ -130,6 +130,7 @@ _KINDS = 16  # of one identifier
 _ANSWER_NS = 100_000_000
 _QUESTIONS = 500
 _LOGGED = 30_000
+STUFFED = 1.05  # with stuff bits, a typical share
 _SERIAL = -1  # the identifier of what is no CAN frame
 
 
@@ -174,6 +175,8 @@ def message_of(frame: RawFrame) -> can.Message:
         is_remote_frame=frame.remote,
         data=None if frame.remote else frame.data,
         dlc=len(frame.data),
+        is_fd=frame.fd,
+        bitrate_switch=frame.switched,
     )
 
 
@@ -186,11 +189,14 @@ class BusSurvey:
 
     heard: dict[Key, HeardId] = field(default_factory=dict)
     bits: int = 0
+    data_bits: int = 0  # those at the second bit rate of a CAN FD bus
     frames: int = 0  # heard, not sent
     log: deque[RawFrame] = field(default_factory=lambda: deque(maxlen=_LOGGED))
 
     def note(self, frame: RawFrame) -> None:
-        self.bits += bits_of(frame)
+        bits, data_bits = bits_of(frame)
+        self.bits += bits
+        self.data_bits += data_bits
         self.log.append(frame)
         if not frame.sent:
             self.frames += 1
@@ -255,11 +261,18 @@ class Survey:
             self.buses[frame.channel].note(frame)
 
 
-def bits_of(frame: RawFrame) -> int:
-    """About how many bits a classic frame takes on the bus, with a typical share of stuff bits and the gap after it.
+def bits_of(frame: RawFrame) -> tuple[int, int]:
+    """About how many bits a frame takes on the bus, with a typical share of stuff bits and the gap after it: at the
+    bus's first bit rate, and at the second.
 
-    Source: ISO 11898-1: 47 bits about the data of a standard frame, 67 of an extended one, 3 of them the gap; of those
-    before the CRC's end, at most every fifth is stuffed, in practice about one in twenty.
+    Source: ISO 11898-1:2015, 10.4. Classical: 47 bits about the data of a standard frame, 67 of an extended one, 3 of
+    them the gap; of those before the CRC's end, at most every fifth is stuffed, in practice about one in twenty. CAN
+    FD: 17 or 36 bits until the rate is switched and 12 after it is switched back; between them, beside the data, 10
+    bits, a CRC of 17 or 21 and every fifth bit of it and its count stuffed.
     """
-    plain = (67 if frame.extended else 47) + 8 * (0 if frame.remote else len(frame.data))
-    return round(plain * 1.05)
+    data_bits = 8 * (0 if frame.remote else len(frame.data))
+    if not frame.fd:
+        return round(((67 if frame.extended else 47) + data_bits) * STUFFED), 0
+    first = round((36 if frame.extended else 17) * STUFFED) + 12
+    second = round((5 + data_bits) * STUFFED) + (28 if len(frame.data) <= 16 else 33)
+    return (first, second) if frame.switched else (first + second, 0)

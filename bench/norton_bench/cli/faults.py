@@ -27,6 +27,7 @@ FAMILIES = (
     "sim-damiao",
     "sim-robstride",
     "sim-cubemars",
+    "sim-moteus",
     "sim-odrive-uart",
     "sim-vesc-uart",
     "sim-simplefoc",

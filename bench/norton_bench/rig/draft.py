@@ -1,6 +1,7 @@
 """A rig file taken apart into its sections, each read for itself, so that one wrong section does not hide another."""
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
@@ -24,7 +25,6 @@ from norton_bench.rig.schema import (
 )
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
-from norton_drivers.wiring import CanBusSettings
 
 FITTED = ("actuator", "load", "torque_sensor", "modulator")  # what an experiment may need
 SENSORS = tuple(dict.fromkeys(stream.role for stream in STREAMS if stream.role not in FITTED))
@@ -207,21 +207,34 @@ def _shared_addresses(draft: Draft) -> Found:
 def _interfaces(draft: Draft) -> Found:
     if not draft.buses:
         return
-    # Slow to import; only a rig with a bus needs them.
-    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415
-
-    from norton_drivers.adapters.table import mistakes  # noqa: PLC0415
+    # Slow to import; only a rig with a bus needs it.
+    from norton_drivers.adapters.table import INTERFACES, mistakes  # noqa: PLC0415
 
     for name, bus in draft.buses.items():
         if bus is None:
             continue
-        if bus.interface not in VALID_INTERFACES:
-            mend = nearest(bus.interface, VALID_INTERFACES)
+        if bus.interface not in INTERFACES:
+            mend = nearest(bus.interface, INTERFACES)
             yield f"[bus.{name}] interface", f'"{bus.interface}" is no interface of python-can; {mend}'
             continue
-        settings = CanBusSettings(name, bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
-        for key, text in mistakes(settings):
+        for key, text in mistakes(bus.settings(name)):
             yield f"[bus.{name}] {key}", text
+
+
+def _can_fd(draft: Draft) -> Found:
+    """A device that sends CAN FD frames on a bus that does not carry them."""
+    for role, device in draft.devices().items():
+        bus = draft.buses.get(device.bus or "")
+        if bus is None or bus.fd:
+            continue
+        with suppress(WiringError):  # told already
+            data_bitrate = declared_by(registry.group_of(role), device.driver).data_bitrate
+            if data_bitrate is not None:
+                yield (
+                    f"[bus.{device.bus}] fd",
+                    f'[{role}] driver = "{device.driver}" sends CAN FD frames; write fd = true and '
+                    f'data_bitrate = "{data_bitrate}"',
+                )
 
 
 def _timing(draft: Draft) -> Found:
@@ -362,6 +375,7 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _unused_buses,
     _shared_addresses,
     _interfaces,
+    _can_fd,
     _timing,
     _stall,
     _lost_answers,

@@ -2,9 +2,10 @@
 
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
 which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
-("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s") and one subclass of
-``norton_drivers.wiring.DeviceOptions``; and ``check_settings(settings)``, which raises WiringError for what only the
-files that the options name can tell. A driver that declares nothing checks its options itself.
+("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s"), ``DATA_BITRATE`` (the same for the
+data of one that sends CAN FD frames) and one subclass of ``norton_drivers.wiring.DeviceOptions``; and
+``check_settings(settings)``, which raises WiringError for what only the files that the options name can tell. A driver
+that declares nothing checks its options itself.
 """
 
 import sys
@@ -35,6 +36,7 @@ class Declared:
     model: type[DeviceOptions] | None
     connection: str | None = None  # "can" or "serial", where it says so
     bitrate: str | None = None  # of the bus, as its maker delivers the device
+    data_bitrate: str | None = None  # the same of its data, where it sends CAN FD frames
     check: Callable[[DeviceSettings], None] | None = None
 
 
@@ -43,7 +45,7 @@ def declared_by(group: str, driver: str) -> Declared:
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
-    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE", "check_settings"))
+    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE", "DATA_BITRATE", "check_settings"))
     return Declared(units, files, _model_in(module), *told)
 
 

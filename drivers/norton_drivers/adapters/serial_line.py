@@ -11,6 +11,8 @@ import socket
 import struct
 import sys
 from contextlib import suppress
+from functools import partial
+from pathlib import Path
 
 import serial
 
@@ -106,3 +108,40 @@ class EagerSocket(LowLatencySerial):
         """As pyserial does."""
         self._socket.close()
         super().close()
+
+
+_PSEUDO_TERMINAL_BAUD = 115_200
+# A device that takes no more bytes must not hold up the loop.
+_WRITE_TIMEOUT_S = 0.2
+
+Line = LowLatencySerial | serial.Serial
+
+
+def open_line(port: str, baud: int) -> Line:
+    """A serial port, or any of pyserial's URLs, as a loop wants it where it has a descriptor of its own.
+
+    Raises serial.SerialException, OSError, ValueError.
+    """
+    line = _opened(port, baud)
+    if os.name != "posix" or ("://" in port and not port.startswith("socket://")):
+        return line
+    if "://" in port:
+        return EagerSocket(line)
+    hurry(line)
+    return LowLatencySerial(line)
+
+
+def _opened(port: str, baud: int) -> serial.Serial:
+    exclusive = None if "://" in port else True  # pyserial's URL handlers know no locks
+    open_it = partial(serial.serial_for_url, port, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=exclusive)
+    try:
+        return open_it(baudrate=baud)
+    except (serial.SerialException, OSError, ValueError):
+        if not _is_pseudo_terminal(port):
+            raise
+    # A pseudo-terminal has no baud rate, but may refuse to be given an odd one.
+    return open_it(baudrate=_PSEUDO_TERMINAL_BAUD)
+
+
+def _is_pseudo_terminal(port: str) -> bool:
+    return str(Path(port).resolve()).startswith("/dev/pts/")

@@ -8,7 +8,7 @@ drive's positive sense, times ``direction``."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import frexp, isnan, ldexp, nan, pi
+from math import isnan, nan, pi
 from typing import Any, Final, Literal
 
 import can
@@ -16,7 +16,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.codecs import odrive as protocol
 from norton_drivers.codecs import odrive_06
-from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.common import CodecError, float32_step
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_06 import describe_axis_state
@@ -38,7 +38,6 @@ from norton_drivers.registry import Recognised
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
-_FLOAT32_BITS = 24
 _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
 _ASK_AGAIN_S = 0.02
@@ -188,10 +187,8 @@ class ODrive(DriveBase):
         """The encoder's step, or that of the float32 turns on the wire at the present position if it is larger."""
         if self.options.position == "counts":
             return TURN_RAD / self.options.counts_per_turn
-        _, exponent = frexp(self._position_rev)
-        wire_step_rev = ldexp(1.0, exponent - _FLOAT32_BITS)
         encoder_step_rev = 1 / self.options.counts_per_turn if self.options.counts_per_turn else 0.0
-        return TURN_RAD * max(wire_step_rev, encoder_step_rev)
+        return TURN_RAD * max(float32_step(self._position_rev), encoder_step_rev)
 
     @property
     def watchdog_s(self) -> float:

@@ -15,6 +15,7 @@ FIRMWARE = {
     "cubemars": ("cubemars", "CubeMarsActuator"),
     "damiao": ("damiao", "DamiaoMotor"),
     "mit": ("mit", "MitMotor"),
+    "moteus": ("moteus", "MoteusBoard"),
     "robstride": ("robstride", "RobStrideMotor"),
     "vesc": ("vesc", "VescController"),
     "vesc_uart": ("vesc_uart", "VescSerial"),

@@ -71,6 +71,7 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "cia402": {"node": 1, "torque_per_unit": 1e-3, "counts_per_turn": 4096, "velocity_per_unit": 0.1},
         "odrive_uart": {},
         "simplefoc": {"mode": "torque", "torque_constant": 0.05, "current_limit": 9.0},
+        "moteus": {"node": 1},
         "vesc": {"node": 1, "pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
         "vesc_uart": {"pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
         "damiao": {"node": 1, "master": 17},
