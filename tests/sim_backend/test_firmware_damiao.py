@@ -20,6 +20,7 @@ NODE, MASTER = 3, 0x13
 P, V, T = 12.5, 50.0, 2.0
 ENABLE, DISABLE, ZERO, CLEAR = (bytes.fromhex("FF" * 7) + bytes((last,)) for last in (0xFC, 0xFD, 0xFE, 0xFB))
 GAIN_A_NM = 18.0  # of the simulated actuator
+FRICTION_NM, STIFFNESS_NM_RAD = 0.04, 0.9  # of both machines; of a servo with that gain per radian
 MS = 1_000_000
 OPTIONS = {"node": NODE, "master": MASTER, "position_range": P, "velocity_range": V, "torque_range": T,
            "velocity_bandwidth": 500.0}  # fmt: skip
@@ -183,6 +184,19 @@ def test_a_mode_that_is_not_mit_obeys_no_torque_but_answers(host: Host) -> None:
     host.hold(0.1, 50)
     assert host.ask(command(0.1))[0] >> 4 == 1
     assert abs(host.current_a) < 1e-6
+
+
+def test_as_a_servo_it_holds_its_goal_until_it_is_disabled(open_host: Callable[..., Host]) -> None:
+    host = open_host(mode="position", stiffness=2.0, damping=0.05)
+    position, kp, kd = round((0.3 + P) / (2 * P) * 65535), round(2 / 500 * 4095), round(0.05 / 5 * 4095)
+    host.send(ENABLE)
+    for _ in range(40):
+        host.send((position << 48 | 2048 << 36 | kp << 24 | kd << 12 | 2048).to_bytes(8, "big"))
+        host.wait(10)
+    assert host.plant.encoder_position_rad("actuator") == pytest.approx(0.3, abs=FRICTION_NM / STIFFNESS_NM_RAD)
+    host.send(DISABLE)
+    host.wait(20)
+    assert host.current_a == pytest.approx(0.0, abs=1e-3)
 
 
 def test_registers(host: Host) -> None:

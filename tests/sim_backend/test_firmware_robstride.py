@@ -1,5 +1,6 @@
 """The emulated RobStride motor, spoken to with bytes made by hand and by packages that drive such motors."""
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +18,7 @@ from norton_sim.firmware.context import DriveFault
 NODE, HOST = 9, 0xFD
 T = 17.0  # of an RS01
 GAIN_A_NM = 18.0  # of the simulated actuator
+FRICTION_NM, STIFFNESS_NM_RAD = 0.04, 0.9  # of both machines; of a servo with that gain per radian
 MS = 1_000_000
 
 
@@ -109,6 +111,19 @@ def test_currents_are_a_parameter(open_host: Callable[..., Host]) -> None:
         host.write(0x7006, "<f", 0.02)  # in the plant, whose amplifier has 18 A for a command of 1
         host.wait(10)
     assert host.current_a == pytest.approx(0.02 * GAIN_A_NM, rel=1e-3)
+
+
+def test_as_a_servo_it_holds_its_goal_until_it_is_stopped(open_host: Callable[..., Host]) -> None:
+    host = open_host(mode="position", stiffness=2.0, damping=0.05)
+    host.ask(3)
+    goal = struct.pack(">HHHH", round((0.3 / (4 * math.pi) + 1) / 2 * 65535), 32768, round(2 / 500 * 65535), 655)
+    for _ in range(40):
+        host.ask(1, goal, 32768)
+        host.wait(9)
+    assert host.plant.encoder_position_rad("actuator") == pytest.approx(0.3, abs=FRICTION_NM / STIFFNESS_NM_RAD)
+    host.ask(4)
+    host.wait(20)
+    assert host.current_a == pytest.approx(0.0, abs=1e-3)
 
 
 def test_the_timeout_resets_it(host: Host) -> None:

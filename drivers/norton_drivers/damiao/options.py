@@ -1,6 +1,6 @@
 """What a rig file may say of a Damiao motor."""
 
-from math import inf, pi
+from math import inf
 from typing import ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
@@ -91,12 +91,12 @@ class DamiaoOptions(DeviceOptions):
 
     @property
     def velocity_window_s(self) -> float:
-        """Of two positions whose difference lags as much, on average, as the filtered velocity in its loop: by half of
-        a period in which it is worked out, and by the time for which it is held, which is zero to all but one cycle.
+        """Of two positions whose difference lags as much, on average, as the velocity in its loop without a filter: by
+        half of the period over which it is worked out, and by the time for which it is held, from none to all but a
+        cycle.
         """
-        filter_s = 0.0 if self.velocity_bandwidth_hz >= UNFILTERED_HZ else 1 / (2 * pi * self.velocity_bandwidth_hz)
         held_s = (VELOCITY_PERIOD_S - self.loop_period_s) / 2
-        return 2 * (VELOCITY_PERIOD_S / 2 + held_s + filter_s)
+        return 2 * (VELOCITY_PERIOD_S / 2 + held_s)
 
     @property
     def servo(self) -> Servo | None:
@@ -127,6 +127,11 @@ class DamiaoOptions(DeviceOptions):
 
     @field_validator("damping_nms_rad")
     @classmethod
-    def _can_be_sent(cls, damping_nms_rad: float) -> float:
+    def _can_be_sent(cls, damping_nms_rad: float, info: ValidationInfo) -> float:
         check_greatest(damping_nms_rad, _ANY.damping_nms_rad, "N*m*s/rad")
+        if damping_nms_rad and info.data.get("velocity_bandwidth_hz", UNFILTERED_HZ) < UNFILTERED_HZ:
+            raise ValueError(
+                'needs velocity_bandwidth = "500 Hz", and V_BW = 500 in the motor: else the velocity in its loop is '
+                "filtered, and what is identified is wrong"
+            )
         return damping_nms_rad
