@@ -55,8 +55,9 @@ MOST_TICKS: Final = 4
 class Exchange:
     """What crosses the line of a drive that is commanded in every tick and asked as soon as it has answered.
 
-    Lengths are the longest in bytes; ``echo_bytes`` is what the drive answers to a command. Both directions are
-    separate, as on UARTs and USB. ``thinking_s`` passes in the drive between a question and its answer.
+    Lengths are the longest in bytes; ``echo_bytes`` is what the drive answers to a command, ``aside_bytes_s`` what is
+    asked beside, in bytes a second. Both directions are separate, as on UARTs and USB. ``thinking_s`` passes in the
+    drive between a question and its answer.
     """
 
     baud: int
@@ -65,6 +66,7 @@ class Exchange:
     answer_bytes: int
     thinking_s: float
     echo_bytes: int = 0
+    aside_bytes_s: float = 0.0
 
     @property
     def round_s(self) -> float:
@@ -74,7 +76,8 @@ class Exchange:
     @property
     def greatest_rate_hz(self) -> float:
         """Of a loop that gets a reading in every tick."""
-        there_s = (self.command_bytes + self.question_bytes) * self._byte_s / MOST_SHARE
+        left_over = max(MOST_SHARE - self.aside_bytes_s * self._byte_s, 1e-3)
+        there_s = (self.command_bytes + self.question_bytes) * self._byte_s / left_over
         return 1 / max(there_s, self.round_s)
 
     def ticks(self, tick_s: float) -> int:
@@ -83,7 +86,8 @@ class Exchange:
 
     def share_there(self, tick_s: float) -> float:
         """Of what the line carries to the drive."""
-        return (self.command_bytes + self.question_bytes / self.ticks(tick_s)) * self._byte_s / tick_s
+        a_tick = self.command_bytes + self.question_bytes / self.ticks(tick_s) + self.aside_bytes_s * tick_s
+        return a_tick * self._byte_s / tick_s
 
     def share_back(self, tick_s: float) -> float:
         """Of what the line carries from the drive."""

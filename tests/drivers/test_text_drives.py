@@ -60,7 +60,7 @@ def test_an_odrives_readings_come_in_every_tick(bench: Callable[..., Bench]) -> 
     here.run(1000)
     motion = here.drive.take_motion()
     assert len(motion) in (499, 500)
-    assert 36 <= len(here.drive.take_current()) <= 44
+    assert 18 <= len(here.drive.take_current()) <= 22
     assert all(0 < reading.arrival_ns - reading.device_ns < 2e6 for reading in motion)
     status = here.drive.status()
     assert status.bus_voltage_v == 24.0
@@ -73,8 +73,10 @@ def test_an_odrive_that_fails_says_why(bench: Callable[..., Bench], role: str, w
     here.drive.enable()
     here.run(50)
     here.firmware.break_down(DriveFault.UNDERVOLTAGE)
-    here.run(200)
-    status = here.drive.status()
+    for _ in range(200):
+        here.run(2)
+        if (status := here.drive.status()).state is DriveState.FAULT:
+            break
     assert status.state is DriveState.FAULT
     assert words in "; ".join(status.errors)
     here.drive.enable()

@@ -10,6 +10,9 @@ from norton_drivers.odrive.axis import ODriveAxisOptions
 from norton_drivers.serial_timing import Exchange
 
 _THINKING_S = 0.2e-3  # bytes are looked for at 8 kHz (interface_uart.cpp)
+# So many properties are read in that time.
+ASIDES, ASIDE_PERIOD_S = 4, 0.1
+_LONGEST_ASIDE = len(line("r axis0.motor.current_control.Iq_measured"))
 _QUESTION_BYTES: Final = len(line("f 0"))
 
 
@@ -27,4 +30,4 @@ class ODriveUartOptions(ODriveAxisOptions):
     @property
     def exchange(self) -> Exchange:
         longest = ascii_protocol.LONGEST_TORQUE, _QUESTION_BYTES, ascii_protocol.LONGEST_FEEDBACK
-        return Exchange(self.baud, *longest, _THINKING_S)
+        return Exchange(self.baud, *longest, _THINKING_S, aside_bytes_s=ASIDES * _LONGEST_ASIDE / ASIDE_PERIOD_S)

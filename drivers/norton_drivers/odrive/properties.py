@@ -12,9 +12,11 @@ from math import isfinite, nan
 from typing import Final
 
 from norton_drivers.codecs import odrive_05
+from norton_drivers.codecs import odrive_ascii as ascii_protocol
 from norton_drivers.codecs.odrive import AxisState
 from norton_drivers.codecs.odrive_05 import ERROR_WATCHDOG, describe_errors_05
 from norton_drivers.codecs.odrive_06 import describe_axis_state, describe_errors
+from norton_drivers.registry import SerialProbe
 
 STATE, REQUESTED_STATE = "current_state", "requested_state"
 CONTROL_MODE, INPUT_MODE = "controller.config.control_mode", "controller.config.input_mode"
@@ -114,3 +116,12 @@ class AxisValues:
             result += words(int(bits) & ~harmless)
             harmless = 0
         return tuple(dict.fromkeys(result))
+
+
+def _recognise(data: bytes) -> str | None:
+    """It tells its version; or, where something else stood in its buffer, that it does not know that."""
+    told = [ascii_protocol.number_in(each.text) for each in ascii_protocol.TextStream().feed(data)]
+    return "an ODrive" if ascii_protocol.UNKNOWN.encode() in data or any(each is not None for each in told) else None
+
+
+SERIAL_PROBE = SerialProbe(b"\n" + ascii_protocol.line(f"r {VERSION[1]}"), _recognise)

@@ -18,30 +18,19 @@ from norton_drivers.codecs.odrive_ascii import Told, feedback_in, line, number_i
 from norton_drivers.errors import DeviceError
 from norton_drivers.link import Link
 from norton_drivers.odrive import properties
-from norton_drivers.odrive.options import ODriveUartOptions
-from norton_drivers.odrive.properties import AxisValues
+from norton_drivers.odrive.options import ASIDE_PERIOD_S, ASIDES, ODriveUartOptions
+from norton_drivers.odrive.properties import SERIAL_PROBE, AxisValues  # noqa: F401  (found here by whoever looks)
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.registry import SerialProbe
 from norton_drivers.serial_drive import Question, SerialDrive
 from norton_drivers.wiring import DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
-SLOW_PERIOD_NS = 100_000_000
+SLOW_PERIOD_NS = round(ASIDE_PERIOD_S * 1e9)
 SILENT_NS = 350_000_000  # three times that, and a bit
-_CURRENTS = 4  # in that time
 _ANSWER_S = 0.3
 
 CONNECTION = "serial"
 OPTION_UNITS = {"watchdog": "s", "timeout": "s"}
-
-
-def _recognise(data: bytes) -> str | None:
-    """It tells its version; or, where something else stood in its buffer, that it does not know that."""
-    told = [number_in(each.text) for each in ascii_protocol.TextStream().feed(data)]
-    return "an ODrive" if ascii_protocol.UNKNOWN.encode() in data or any(each is not None for each in told) else None
-
-
-SERIAL_PROBE = SerialProbe(b"\n" + line(f"r {properties.VERSION[1]}"), _recognise)
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "ODriveUart":
@@ -64,6 +53,7 @@ class ODriveUart(SerialDrive):
         self._feedback = Question(line(f"f {options.axis}"), _is_feedback, self._on_feedback)
         self._others = cycle((*values.errors, properties.SUPPLY, values.temperature))
         self._due: deque[str] = deque()
+        self._explaining = False  # it left its loop, and is asked why
         self._slow_ns: int | None = None
         super().__init__(settings, options, link)
 
@@ -107,7 +97,7 @@ class ODriveUart(SerialDrive):
                 raise DeviceError(f"{self._place}: refuses to close its torque loop: {errors}")
             if self._link.clock.now_ns() >= end_ns:
                 raise self._late(timeout_s, "did not close its torque loop")
-        self._closed_loop_wanted, self._status = True, None
+        self._closed_loop_wanted, self._explaining, self._status = True, False, None
 
     def command(self, value: float) -> float:
         """Command a torque [N m], which also feeds the watchdog; returns it as it is sent.
@@ -220,7 +210,7 @@ class ODriveUart(SerialDrive):
         if self._slow_ns is None or now_ns - self._slow_ns >= SLOW_PERIOD_NS:
             self._slow_ns = now_ns
             self._due.clear()  # what a lost drive was to be asked
-            self._due.extend((self._values.state, *_CURRENTS * (self._values.current,), next(self._others)))
+            self._due.extend((self._values.state, *(ASIDES - 2) * (self._values.current,), next(self._others)))
         if not self._due:
             return None
         path = self._due.popleft()
@@ -240,12 +230,14 @@ class ODriveUart(SerialDrive):
         number = number_in(text)
         if number is None:
             return  # firmware of another revision may not have it
-        self._note(path, number)
         if path == self._values.state:
             self._state_ns = arrival_ns
-            if self._closed_loop_wanted and not self._values.in_closed_loop:
-                self._due.extend(self._values.errors)
-        elif path == self._values.current:
+            if self._closed_loop_wanted and number != AxisState.CLOSED_LOOP_CONTROL and not self._explaining:
+                self._explaining = True  # the guard sees state and errors together
+                self._due = deque((*self._values.errors, self._values.state))
+                return
+        self._note(path, number)
+        if path == self._values.current:
             current_a = self._direction * number
             self._current.put(CurrentReading(self._current.count, arrival_ns, current_a, asked_ns))
 
