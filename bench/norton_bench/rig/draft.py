@@ -10,6 +10,7 @@ from norton_bench.errors import nearest
 from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
+from norton_bench.rig.lines import shares, wrong_lines
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,
@@ -185,7 +186,9 @@ def _shared_addresses(draft: Draft) -> Found:
     taken: dict[str, str] = {}
     for role, device in draft.devices().items():
         node = draft.options.get(role, {}).get("node")
-        if device.port is not None:
+        if device.port is not None and isinstance(node, int) and shares(role, device):
+            address = f'node {node} on the port "{device.port}"'
+        elif device.port is not None:
             address = f'the port "{device.port}"'
         elif device.bus is not None and isinstance(node, int):
             address = f"node {node} of bus {device.bus}"
@@ -197,6 +200,11 @@ def _shared_addresses(draft: Draft) -> Found:
                 f"{address} belongs to [{taken[address]}] already; every device needs an address of its own",
             )
         taken.setdefault(address, role)
+
+
+def _lines(draft: Draft) -> Found:
+    if draft.rig is not None:
+        yield from wrong_lines(draft.devices(), draft.options, draft.rig.rate_hz)
 
 
 def _interfaces(draft: Draft) -> Found:
@@ -350,6 +358,7 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _connections,
     _unused_buses,
     _shared_addresses,
+    _lines,
     _interfaces,
     _timing,
     _stall,

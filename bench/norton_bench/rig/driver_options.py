@@ -3,12 +3,14 @@
 The module that a driver's entry point names may declare ``OPTION_UNITS`` (options that are quantities, and the unit in
 which the driver wants them), ``OPTION_FILES`` (options that may name a file beside the rig file), ``CONNECTION``
 ("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s") and one subclass of
-``norton_drivers.wiring.DeviceOptions``; and ``check_settings(settings)``, which raises WiringError for what only the
-files that the options name can tell. A driver that declares nothing checks its options itself.
+``norton_drivers.wiring.DeviceOptions``; ``check_settings(settings)``, which raises WiringError for what only the
+files that the options name can tell; and, where several such devices may share a serial port,
+``check_port(settings, tick_ns)``, which raises WiringError where the line cannot carry all of them in every tick. A
+driver that declares nothing checks its options itself.
 """
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +38,7 @@ class Declared:
     connection: str | None = None  # "can" or "serial", where it says so
     bitrate: str | None = None  # of the bus, as its maker delivers the device
     check: Callable[[DeviceSettings], None] | None = None
+    check_port: Callable[[Sequence[DeviceSettings], int], None] | None = None  # where devices may share a port
 
 
 def declared_by(group: str, driver: str) -> Declared:
@@ -43,7 +46,7 @@ def declared_by(group: str, driver: str) -> Declared:
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
-    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE", "check_settings"))
+    told = (getattr(module, name, None) for name in ("CONNECTION", "BITRATE", "check_settings", "check_port"))
     return Declared(units, files, _model_in(module), *told)
 
 

@@ -2,39 +2,20 @@
 
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.mit import Ranges
-from norton_drivers.errors import DeviceError
-from norton_drivers.servo import Servo
-
-# A motor that stands away from the drive's zero when it is enabled is led there: no faster, and from no further.
-LED_RAD_S = 0.5
-FURTHEST_RAD = 0.25
-LATEST_NS = 50_000_000  # a longer silence leads no further
+from norton_drivers.servo import LedGoal, Servo
 
 
-class Goals:
+class Goals(LedGoal):
     """Angles from the drive's own zero, in its own sense; its gains are always the same."""
 
     def __init__(self, ranges: Ranges, servo: Servo) -> None:
+        super().__init__()
         self._ranges = ranges
         self._codes = protocol.stiffness_code(servo.stiffness_nm_rad), protocol.damping_code(servo.damping_nms_rad)
-        self._away_rad = 0.0  # how far the goal still is from what is asked
-        self._led_ns = 0
-
-    def begin(self, position_rad: float, now_ns: int) -> None:
-        """The motor, about to be enabled, stands there. Raises DeviceError where that is too far from zero."""
-        if abs(position_rad) > FURTHEST_RAD:
-            raise DeviceError(
-                f"the shaft stands {position_rad:.3g} rad from the drive's zero, "
-                f"where a command of 0 would take it; turn it to within {FURTHEST_RAD:g} rad, or set the drive's zero"
-            )
-        self._away_rad, self._led_ns = position_rad, now_ns
 
     def frame(self, goal_rad: float, now_ns: int) -> tuple[bytes, float]:
         """What to send, and the goal that it holds. Raises CodecError for no number."""
-        led_rad = LED_RAD_S * min(now_ns - self._led_ns, LATEST_NS) * 1e-9
-        self._away_rad -= min(max(self._away_rad, -led_rad), led_rad)
-        self._led_ns = now_ns
-        code = self._ranges.goal_code(goal_rad + self._away_rad)
+        code = self._ranges.goal_code(self.towards(goal_rad, now_ns))
         return (
             protocol.goal_value(code, *self._codes, self._ranges.command_code(0.0)),
             self._ranges.commanded_rad(code),

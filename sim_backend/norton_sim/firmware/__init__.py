@@ -11,6 +11,7 @@ FIRMWARE = {
     "odrive": ("odrive", "ODriveAxis"),
     "odrive 0.5": ("odrive_05", "ODrive05Axis"),
     "cia402": ("cia402", "Cia402Drive"),
+    "dynamixel": ("dynamixel", "DynamixelServo"),
     "mit": ("mit", "MitMotor"),
     "vesc": ("vesc", "VescController"),
     "ascii": ("serial_sensors", "AsciiSensor"),
