@@ -100,6 +100,7 @@ class Dialect:
     """Protocol 2.0 as a master speaks it. ``fast``: servos are asked together by a Fast Sync Read."""
 
     overhead: int = HEAD_BYTES + 1 + 1 + CRC_BYTES
+    reads_together: bool = True
 
     def __init__(self) -> None:
         self.fast = False

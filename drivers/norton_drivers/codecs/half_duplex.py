@@ -29,6 +29,7 @@ class Dialect(Protocol):
     """The questions of one protocol, and how long its answers are."""
 
     overhead: int  # bytes of an answer beside its data
+    reads_together: bool  # whether several servos can be asked at once
 
     def answers(self) -> Answers: ...
 
@@ -37,7 +38,7 @@ class Dialect(Protocol):
     def read(self, node: int, address: int, length: int) -> bytes: ...
 
     def sync_read(self, address: int, length: int, nodes: Sequence[int]) -> bytes:
-        """Each node answers for itself, in this order."""
+        """Each node answers for itself, in this order; one node where the protocol cannot ask several."""
         ...
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> bytes:

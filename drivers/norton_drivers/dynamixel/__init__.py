@@ -1,39 +1,7 @@
-"""Dynamixel X servos, and what the program asks of their driver: its units, how one is opened, what a line carries."""
+"""Dynamixel X servos on a half-duplex line."""
 
-from collections.abc import Sequence
-
-from norton_drivers.codecs import dynamixel as protocol
-from norton_drivers.dynamixel.drive import DynamixelServo, share_of
+from norton_drivers.dynamixel.drive import open_amplifier
 from norton_drivers.dynamixel.options import DynamixelOptions
-from norton_drivers.half_duplex.line import LineTiming, check_line
-from norton_drivers.half_duplex.sharing import master_of
-from norton_drivers.link import Link
-from norton_drivers.wiring import DeviceSettings, parse_options
+from norton_drivers.dynamixel.servo import DynamixelServo
 
-__all__ = ["CONNECTION", "OPTION_UNITS", "DynamixelOptions", "DynamixelServo", "check_port", "open_amplifier"]
-
-CONNECTION = "serial"
-OPTION_UNITS = {
-    "return_delay": "s",
-    "latency": "s",
-    "torque_constant": "N*m/A",
-    "stall_torque": "N*m",
-    "greatest_current": "A",
-    "loop_period": "s",
-    "watchdog": "s",
-}
-
-
-def open_amplifier(settings: DeviceSettings, link: Link) -> DynamixelServo:
-    """Raises WiringError for a wrong option, ConnectionFailedError for the port."""
-    options = parse_options(DynamixelOptions, settings)
-    dialect = link.shared(("dynamixel", settings.port), protocol.Dialect)
-    bus = master_of(settings, options, dialect, link)
-    return DynamixelServo(settings, options, bus, dialect, link)
-
-
-def check_port(settings: Sequence[DeviceSettings], tick_ns: int) -> None:
-    """Whether the line carries all of these servos in every tick. Raises WiringError."""
-    options = [parse_options(DynamixelOptions, each) for each in settings]
-    timing = LineTiming(options[0].baud, max(each.latency_s for each in options))
-    check_line(protocol.Dialect(), timing, [share_of(each) for each in options], settings, tick_ns)
+__all__ = ["DynamixelOptions", "DynamixelServo", "open_amplifier"]

@@ -47,7 +47,7 @@ class LineTiming:
     def cycle_s(self, dialect: Dialect, shares: Sequence[Share]) -> float:
         """How long one cycle of these servos takes."""
         sent = sum(len(goals_packet(dialect, part)) for part in together(shares, lambda share: share.goal))
-        parts = together(shares, lambda share: share.reading)
+        parts = read_together(dialect, shares)
         asked = sum(len(dialect.sync_read(0, part[0].reading.length, [share.node for share in part])) for part in parts)
         answered = sum(dialect.overhead + share.reading.length for share in shares)
         waited_s = sum(share.return_delay_s for share in shares)
@@ -66,6 +66,12 @@ def together(shares: Sequence[Share], key: Callable[[Share], Registers]) -> list
     return [list(part) for _, part in groupby(by_place, key)]
 
 
+def read_together(dialect: Dialect, shares: Sequence[Share]) -> list[list[Share]]:
+    """Those whose readings one question asks for."""
+    parts = together(shares, lambda share: share.reading)
+    return parts if dialect.reads_together else [[share] for part in parts for share in part]
+
+
 def check_line(
     dialect: Dialect, timing: LineTiming, shares: Sequence[Share], settings: Sequence[DeviceSettings], tick_ns: int
 ) -> None:
@@ -74,7 +80,7 @@ def check_line(
     if cycle_s <= tick_s:
         return
     who = " and ".join(f"[{each.role}]" for each in settings)
-    own_s = cycle_s - timing.latency_s * len(together(shares, lambda share: share.reading))
+    own_s = cycle_s - timing.latency_s * len(read_together(dialect, shares))
     slower_hz = int(1 / cycle_s / 10) * 10
     raise WiringError(
         f"{who} port {settings[0].port}: at {timing.baud} baud one cycle of goals and readings takes "

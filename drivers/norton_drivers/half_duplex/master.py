@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from norton_drivers.codecs.half_duplex import Answer, Dialect
-from norton_drivers.half_duplex.line import LineTiming, Registers, Share, together
+from norton_drivers.half_duplex.line import LineTiming, Registers, Share, read_together, together
 from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
 
@@ -226,7 +226,7 @@ class BusMaster:
                 part,
                 self._note_cycle,
             )
-            for part in together(readable, _reading_of)
+            for part in read_together(self.dialect, readable)
         ]
 
     def _reading_apart(self, readable: Sequence[Share], now_ns: int) -> list[_Exchange]:
@@ -311,10 +311,6 @@ class BusMaster:
 
 def _goal_of(share: Share) -> Registers:
     return share.goal
-
-
-def _reading_of(share: Share) -> Registers:
-    return share.reading
 
 
 def _nobody(_answer: Answer, _stamp_ns: int) -> None:

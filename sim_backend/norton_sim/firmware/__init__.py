@@ -12,6 +12,7 @@ FIRMWARE = {
     "odrive 0.5": ("odrive_05", "ODrive05Axis"),
     "cia402": ("cia402", "Cia402Drive"),
     "dynamixel": ("dynamixel", "DynamixelServo"),
+    "feetech": ("feetech", "FeetechServo"),
     "mit": ("mit", "MitMotor"),
     "vesc": ("vesc", "VescController"),
     "ascii": ("serial_sensors", "AsciiSensor"),

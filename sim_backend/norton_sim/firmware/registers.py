@@ -9,6 +9,7 @@ from norton_sim.firmware.context import DeviceContext, Heating
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 10_000_000
+PATIENCE_NS = 5_000_000  # with those who answer before
 
 
 class Registers:
@@ -87,7 +88,13 @@ class BusServo:
     def _answer_behind(self, nodes: Sequence[int], answer: Callable[[], bytes]) -> None:
         """Say it when these have answered."""
         self._before, self._answer = list(nodes), answer
+        self._world.at(self._world.now_ns + PATIENCE_NS, partial(self._give_up, self._question))
         self._answered(-1)
+
+    def _give_up(self, question: int, _stamp_ns: int) -> None:
+        """One before it has not answered."""
+        if question == self._question:
+            self._before, self._answer = [], None
 
     def _answered(self, node: int) -> None:
         """Another servo has answered."""
