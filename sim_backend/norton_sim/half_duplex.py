@@ -21,6 +21,7 @@ class _Talk:
 
     tap: "Tap"
     data: bytes
+    begun_ns: int
     end_ns: int
     garbled: bool = False
 
@@ -46,7 +47,7 @@ class HalfDuplexLine:
     def say(self, data: bytes, tap: "Tap") -> None:
         """The device at ``tap`` begins to speak; it does not hear itself."""
         now_ns, talk = self._world.now_ns, self._talk
-        said = _Talk(tap, data, now_ns + round(len(data) * self._byte_ns))
+        said = _Talk(tap, data, now_ns, now_ns + round(len(data) * self._byte_ns))
         if talk is not None and now_ns < talk.end_ns:
             self.collisions += 1
             talk.garbled = said.garbled = True
@@ -56,7 +57,7 @@ class HalfDuplexLine:
 
     def _said(self, talk: _Talk, _stamp_ns: int) -> None:
         data = talk.data.translate(_GARBLED) if talk.garbled else talk.data
-        self.port.send(data)
+        self.port.wire.to_host(data, talk.begun_ns)
         self._deliver(data, talk.tap)
 
     def _from_host(self, data: bytes) -> None:
@@ -88,5 +89,5 @@ class Tap:
     def attach(self, plug: SerialConnector) -> None:
         self.plug = plug
 
-    def to_host(self, data: bytes) -> None:
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:  # noqa: ARG002  (it begins to speak now)
         self._line.say(data, self)
