@@ -29,25 +29,24 @@ class _Talk:
 class HalfDuplexLine:
     """One line behind the one plug of its port. ``collisions`` counts."""
 
-    def __init__(self, world: World, port: SerialConnector, baud: int) -> None:
+    def __init__(self, world: World, port: SerialConnector) -> None:
         self.collisions = 0
         self.port = port
         self._world = world
-        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
         self._taps: list[Tap] = []
         self._talk: _Talk | None = None
         port.on_bytes(self._from_host)
 
-    def connector(self) -> SerialConnector:
-        """A plug for one more device."""
-        tap = Tap(self)
+    def connector(self, baud: int) -> SerialConnector:
+        """A plug for one more device, which speaks at this rate."""
+        tap = Tap(self, baud)
         self._taps.append(tap)
         return SerialConnector(tap)
 
     def say(self, data: bytes, tap: "Tap") -> None:
         """The device at ``tap`` begins to speak; it does not hear itself."""
         now_ns, talk = self._world.now_ns, self._talk
-        said = _Talk(tap, data, now_ns, now_ns + round(len(data) * self._byte_ns))
+        said = _Talk(tap, data, now_ns, now_ns + tap.duration_ns(data))
         if talk is not None and now_ns < talk.end_ns:
             self.collisions += 1
             talk.garbled = said.garbled = True
@@ -62,7 +61,7 @@ class HalfDuplexLine:
 
     def _from_host(self, data: bytes) -> None:
         """The last byte of what the host wrote is here."""
-        talk, begun_ns = self._talk, self._world.now_ns - round(len(data) * self._byte_ns)
+        talk, begun_ns = self._talk, self._world.now_ns - self._taps[0].duration_ns(data)
         if talk is not None and talk.end_ns > begun_ns:
             self.collisions += 1
             talk.garbled = True
@@ -78,9 +77,14 @@ class HalfDuplexLine:
 class Tap:
     """Where one device is connected to the line: see :class:`norton_sim.connectors.SerialWire`."""
 
-    def __init__(self, line: HalfDuplexLine) -> None:
+    def __init__(self, line: HalfDuplexLine, baud: int) -> None:
         self.plug: SerialConnector | None = None
         self._line = line
+        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
+
+    def duration_ns(self, data: bytes) -> int:
+        """How long the device takes to say it."""
+        return round(len(data) * self._byte_ns)
 
     @property
     def host_baud(self) -> int | None:
@@ -89,5 +93,5 @@ class Tap:
     def attach(self, plug: SerialConnector) -> None:
         self.plug = plug
 
-    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:  # noqa: ARG002  (it begins to speak now)
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         self._line.say(data, self)

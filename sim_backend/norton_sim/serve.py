@@ -193,7 +193,7 @@ class ServedLine:
     def attach(self, plug: SerialConnector) -> None:
         self._connector = plug
 
-    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:  # noqa: ARG002  (bytes take no time here)
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         self._port.write(data)
 
     def fileno(self) -> int:

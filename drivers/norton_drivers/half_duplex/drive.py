@@ -155,10 +155,7 @@ class BusServo(DriveBase):
             self._write(address, data)  # a packet may have been lost
             found = self._read(address, len(data))
         if found != data:
-            raise DeviceError(
-                f"{self._place}: register {address} keeps {int.from_bytes(found, 'little')} where "
-                f"{int.from_bytes(data, 'little')} is written"
-            )
+            raise DeviceError(f"{self._place}: register {address} keeps {found.hex(' ')}, not {data.hex(' ')} (hex)")
 
     def _read(self, address: int, length: int) -> bytes:
         """Raises DeviceTimeoutError where it does not answer, DeviceError where it refuses."""

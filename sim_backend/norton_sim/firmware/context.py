@@ -88,8 +88,8 @@ class DeviceContext:
         """Connect the device to the line that it shares with others. Raises WiringError where the rig names none."""
         port, lines = self._port(), self.world.lines
         if port not in lines:
-            lines[port] = HalfDuplexLine(self.world, self.wires.serial(port), baud)
-        return self._connected(lines[port].connector())
+            lines[port] = HalfDuplexLine(self.world, self.wires.serial(port))
+        return self._connected(lines[port].connector(baud))
 
     def _port(self) -> str:
         if self.settings.port is None:
