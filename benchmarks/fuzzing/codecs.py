@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from random import Random
 from typing import Protocol
 
-from . import canopen_objects, drivers_on_can, sensors_on_serial, slcan
+from . import canopen_objects, drivers_on_can, sensors_on_serial, servos_on_serial, slcan
 from .outcome import Outcome
 from .packets import PacketCodec
 
@@ -28,5 +28,8 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "ascii": sensors_on_serial.bare_lines,
     "ascii-padded": sensors_on_serial.padded_lines,
     "mantracourt": sensors_on_serial.mantracourt_answers,
+    "dynamixel": servos_on_serial.dynamixel_answers,
+    "dynamixel-fast": servos_on_serial.dynamixel_together,
+    "feetech": servos_on_serial.feetech_answers,
     "slcan": slcan.slcan_lines,
 }

@@ -13,6 +13,7 @@ from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem,
 from norton_bench.check.watch import (
     Watched,
     ask_everybody,
+    explain_by_search,
     explain_noise,
     explain_silence,
     open_watched,
@@ -137,7 +138,10 @@ class _Seen:
             bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
             return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
         if settings.port is not None:
-            return explain_noise(settings, problem, self.survey.bytes_heard[settings.port], self.backend)
+            others = [each for each in self.rig.wiring.devices() if each.port == settings.port and each is not settings]
+            heard = self.survey.bytes_heard[settings.port]
+            found = explain_by_search(settings, problem, others, self.backend)
+            return explain_noise(settings, problem, heard, self.backend) if found is None else found
         return problem
 
     def _answer_s(self, each: Watched) -> float | None:

@@ -247,7 +247,7 @@ def _is_absent(each: Watched) -> bool:
 
 OPTION = "baud"
 # The usual ones, the likeliest first.
-BAUDS = (115_200, 460_800, 9_600, 921_600, 57_600, 38_400, 19_200, 230_400, 1_000_000, 2_000_000)
+BAUDS = (115_200, 460_800, 9_600, 921_600, 57_600, 38_400, 19_200, 230_400, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 _TRY_S = 0.3
 
 
@@ -270,6 +270,38 @@ def explain_noise(
             "usual ones; is driver right, is the device set to stream?"
         )
     return DeviceTimeoutError(f"{place}: it speaks at {result} baud, not at {used}: set {OPTION} = {result}")
+
+
+def explain_by_search(
+    settings: DeviceSettings, error: DeviceTimeoutError, others: Sequence[DeviceSettings], backend: Backend
+) -> DeviceTimeoutError | None:
+    """Of a device on a line that several share: who answers instead, at its own rate or at another; None for a driver
+    that cannot ask."""
+    declared, used = declared_by(group_of(settings.role), settings.driver), _baud_of(settings)
+    if declared.find is None or used is None:
+        return None
+    taken = [each.options.get("node") for each in others]
+    for baud in (used, *(each for each in BAUDS if each != used)):
+        link = Link(backend, ())
+        tried = replace(settings, options={**settings.options, OPTION: baud})
+        try:
+            heard = list(declared.find(tried, link))
+        except DeviceError:
+            continue  # a port that refuses the rate
+        finally:
+            link.close()
+        found = next((each for each in heard if baud != used or each.options.get("node") not in taken), None)
+        if found is not None:
+            return DeviceTimeoutError(_instead(settings, found, baud, used))
+    return error
+
+
+def _instead(settings: DeviceSettings, found: Any, baud: int, used: int) -> str:
+    place = f"[{settings.role}] {settings.driver} on {settings.port}"
+    wanted = {**found.options, **({OPTION: baud} if baud != used else {})}
+    changed = {key: value for key, value in wanted.items() if settings.options.get(key) != value}
+    mend = f"set {in_words(changed)}" if found.options else "name the driver that speaks that"
+    return f"{place}: nothing answers as the rig file says, but at {baud} baud there is {found.device}; {mend}"
 
 
 def _baud_of(settings: DeviceSettings) -> int | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -88,9 +89,7 @@ def test_both_are_commanded_and_read_in_every_tick_and_nothing_collides(
     run(devices, tick_ms, 100)
     motion, load_motion = devices.actuator.take_motion(), devices.load.take_motion()
     assert (len(motion), len(load_motion)) == (100, 100)
-    periods_ms = [
-        (later.arrival_ns - first.arrival_ns) * 1e-6 for first, later in zip(motion, motion[1:], strict=False)
-    ]
+    periods_ms = [(later.arrival_ns - first.arrival_ns) * 1e-6 for first, later in pairwise(motion)]
     assert all(abs(period - tick_ms) < 0.25 for period in periods_ms), "they come with the jitter of the adapter"
     assert line.collisions == collisions
     assert devices.stop() == ()
