@@ -61,12 +61,16 @@ class HalfDuplexLine:
 
     def _from_host(self, data: bytes) -> None:
         """The last byte of what the host wrote is here."""
-        talk, begun_ns = self._talk, self._world.now_ns - self._taps[0].duration_ns(data)
+        talk, begun_ns = self._talk, self._world.now_ns - self._written_in_ns(data)
         if talk is not None and talk.end_ns > begun_ns:
             self.collisions += 1
             talk.garbled = True
             data = data.translate(_GARBLED)
         self._deliver(data, None)
+
+    def _written_in_ns(self, data: bytes) -> int:
+        baud = self.port.wire.host_baud or max(tap.baud for tap in self._taps)
+        return round(len(data) * BITS_PER_BYTE * 1e9 / baud)
 
     def _deliver(self, data: bytes, but: "Tap | None") -> None:
         for tap in self._taps:
@@ -80,11 +84,11 @@ class Tap:
     def __init__(self, line: HalfDuplexLine, baud: int) -> None:
         self.plug: SerialConnector | None = None
         self._line = line
-        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
+        self.baud = baud
 
     def duration_ns(self, data: bytes) -> int:
         """How long the device takes to say it."""
-        return round(len(data) * self._byte_ns)
+        return round(len(data) * BITS_PER_BYTE * 1e9 / self.baud)
 
     @property
     def host_baud(self) -> int | None:
