@@ -61,6 +61,8 @@ def answers(actuator: str = "odrive", load: str = "odrive", sensor: str = "bota"
     ):
         given[f"{role}.driver"] = kind.partition(" ")[0]
         given |= {f"{role}.{key}": value for key, value in needs.items()}
+    if {actuator, load} & {"dynamixel", "feetech"}:
+        given["rig.rate"] = "400 Hz"  # what their line carries
     if sensor == "none":
         del given["limits.torque"]
     return given
