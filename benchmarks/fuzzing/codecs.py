@@ -11,6 +11,7 @@ from . import (
     drives_on_serial,
     motors_on_can,
     sensors_on_serial,
+    servos_on_serial,
 )
 from .outcome import Outcome
 from .packets import PacketCodec
@@ -42,6 +43,9 @@ CODECS: Mapping[str, Callable[[], Codec]] = {
     "ascii": sensors_on_serial.bare_lines,
     "ascii-padded": sensors_on_serial.padded_lines,
     "mantracourt": sensors_on_serial.mantracourt_answers,
+    "dynamixel": servos_on_serial.dynamixel_answers,
+    "dynamixel-fast": servos_on_serial.dynamixel_together,
+    "feetech": servos_on_serial.feetech_answers,
     "slcan": adapters.slcan_lines,
     "fdcanusb": adapters.fdcanusb_lines,
 }

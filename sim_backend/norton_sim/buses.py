@@ -165,9 +165,9 @@ class SimulatedSerialWire:
     def report_error(self, error_class: int) -> None:
         """Serial adapters do not tell."""
 
-    def to_host(self, data: bytes) -> None:
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         if self._stream is not None:
-            self._stream.send(self._world.now_ns, data)
+            self._stream.send(self._world.now_ns if begun_ns is None else begun_ns, data)
 
     def open(self, baud: int) -> ByteStream:
         """A host opens the line, with an empty input buffer."""

@@ -267,8 +267,8 @@ class CanWire(Protocol):
 class SerialWire(Protocol):
     """A serial line as the device at its far end sees it."""
 
-    def to_host(self, data: bytes) -> None:
-        """Write bytes towards the host."""
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
+        """Write bytes towards the host; the first of them left now, or at ``begun_ns``."""
         ...
 
     def attach(self, plug: "SerialConnector") -> None:

@@ -141,7 +141,7 @@ class ServedLine:
     def attach(self, plug: SerialConnector) -> None:
         self._connector = plug
 
-    def to_host(self, data: bytes) -> None:
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         self._port.write(data)
 
     def fileno(self) -> int:

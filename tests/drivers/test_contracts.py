@@ -129,6 +129,27 @@ class TestMoteus(AmplifierContract):
         return simulated("sim-moteus.toml", "actuator", direction)
 
 
+class TestDynamixel(AmplifierContract):
+    command_resolution = 1.4e-3  # half a unit of its current
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-dynamixel.toml", "actuator", direction)
+
+
+class TestFeetech(AmplifierContract):
+    command_resolution = 1e-3  # a unit of its PWM
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-feetech.toml", "actuator", direction)
+
+
+class TestFeetechAsLoad(AmplifierContract):
+    command_resolution = 2e-3
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-feetech.toml", "load", direction)
+
+
 class TestBota(TorqueSensorContract):
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-odrive.toml", "torque_sensor", direction)

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from norton_bench.check.buses import check_bus, contradictory, remarks_on
-from norton_bench.check.lines import check_lines, explain_silent_line
+from norton_bench.check.lines import check_lines, explain_by_search, explain_silent_line
 from norton_bench.check.moving import announcement, check_moving
 from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck, Survey
 from norton_bench.check.watch import (
@@ -142,8 +142,10 @@ class _Seen:
             rates = next(bus.rates for bus in self.rig.wiring.buses if bus.name == settings.bus)
             return explain_silence(settings, problem, buses[settings.bus], rates)
         if settings.port is not None:
+            others = [each for each in self.rig.wiring.devices() if each.port == settings.port and each is not settings]
             heard = self.survey.lines[settings.port].bytes_heard
-            return explain_silent_line(settings, problem, heard, self.backend, self.recognition)
+            found = explain_by_search(settings, problem, others, self.backend)
+            return found or explain_silent_line(settings, problem, heard, self.backend, self.recognition)
         return problem
 
     def _answer_s(self, each: Watched) -> float | None:

@@ -1,17 +1,19 @@
 """Serial lines judged: how much of what each carries is taken, how often it lets a drive be read, and who is on it."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from statistics import median
 from typing import Any
 
+from norton_bench.check.buses import in_words
 from norton_bench.check.survey import LineCheck, LineSurvey
 from norton_bench.check.watch import BAUDS, OPTION, POLL_NS, baud_of, explain_noise
-from norton_bench.rig.driver_options import amplifier_options
+from norton_bench.rig.driver_options import amplifier_options, declared_by
 from norton_bench.rig.rig import Rig
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import Backend
-from norton_drivers.registry import Recognition
+from norton_drivers.registry import Recognition, group_of
 from norton_drivers.serial_timing import Exchange, opened_at
 from norton_drivers.wiring import DeviceSettings
 
@@ -106,6 +108,38 @@ def explain_silent_line(
         if found:
             return error  # it is there: something else is amiss
     return DeviceTimeoutError(f"{error}; nobody known answers at the other usual baud rates either")
+
+
+def explain_by_search(
+    settings: DeviceSettings, error: DeviceTimeoutError, others: Sequence[DeviceSettings], backend: Backend
+) -> DeviceTimeoutError | None:
+    """Of a device on a line that several share: who answers instead, at its own rate or at another; None for a driver
+    that cannot ask."""
+    declared, used = declared_by(group_of(settings.role), settings.driver), baud_of(settings)
+    if declared.find is None or used is None:
+        return None
+    taken = [each.options.get("node") for each in others]
+    for baud in (used, *(each for each in BAUDS if each != used)):
+        link = Link(backend, ())
+        tried = replace(settings, options={**settings.options, OPTION: baud})
+        try:
+            heard = list(declared.find(tried, link))
+        except DeviceError:
+            continue  # a port that refuses the rate
+        finally:
+            link.close()
+        found = next((each for each in heard if baud != used or each.options.get("node") not in taken), None)
+        if found is not None:
+            return DeviceTimeoutError(_instead(settings, found, baud, used))
+    return error
+
+
+def _instead(settings: DeviceSettings, found: Any, baud: int, used: int) -> str:
+    place = f"[{settings.role}] {settings.driver} on {settings.port}"
+    wanted = {**found.options, **({OPTION: baud} if baud != used else {})}
+    changed = {key: value for key, value in wanted.items() if settings.options.get(key) != value}
+    mend = f"set {in_words(changed)}" if found.options else "name the driver that speaks that"
+    return f"{place}: nothing answers as the rig file says, but at {baud} baud there is {found.device}; {mend}"
 
 
 def _who_answers(

@@ -31,6 +31,8 @@ FAMILIES = (
     "sim-odrive-uart",
     "sim-vesc-uart",
     "sim-simplefoc",
+    "sim-dynamixel",
+    "sim-feetech",
 )
 
 Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]

@@ -11,7 +11,7 @@ from norton_bench.errors import nearest
 from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
-from norton_bench.rig.lines import overfull_lines, wrong_kinds
+from norton_bench.rig.lines import overfull_lines, shares, wrong_kinds, wrong_lines
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,
@@ -190,7 +190,9 @@ def _shared_addresses(draft: Draft) -> Found:
     taken: dict[str, str] = {}
     for role, device in draft.devices().items():
         node = draft.options.get(role, {}).get("node")
-        if device.port is not None:
+        if device.port is not None and isinstance(node, int) and shares(role, device):
+            address = f'node {node} on the port "{device.port}"'
+        elif device.port is not None:
             address = f'the port "{device.port}"'
         elif device.bus is not None and isinstance(node, int):
             address = f"node {node} of bus {device.bus}"
@@ -202,6 +204,12 @@ def _shared_addresses(draft: Draft) -> Found:
                 f"{address} belongs to [{taken[address]}] already; every device needs an address of its own",
             )
         taken.setdefault(address, role)
+
+
+def _lines(draft: Draft) -> Found:
+    if draft.rig is not None:
+        yield from wrong_lines(draft.devices(), draft.options, draft.rig.rate_hz)
+        yield from overfull_lines(draft.devices(), draft.options, draft.rig.rate_hz)
 
 
 def _interfaces(draft: Draft) -> Found:
@@ -274,11 +282,6 @@ def _lost_answers(draft: Draft) -> Found:
             f"{timeout_s * 1e3:g} ms is not below [limits] stale_after = {draft.limits.stale_after_s * 1e3:g} ms: one "
             "lost answer would end the experiment; shorten timeout or lengthen stale_after",
         )
-
-
-def _lines(draft: Draft) -> Found:
-    if draft.rig is not None:
-        yield from overfull_lines(draft.devices(), draft.options, draft.rig.rate_hz)
 
 
 def _torque_limits(draft: Draft) -> Found:
@@ -374,12 +377,12 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _kinds_of_line,
     _unused_buses,
     _shared_addresses,
+    _lines,
     _interfaces,
     _can_fd,
     _timing,
     _stall,
     _lost_answers,
-    _lines,
     _torque_limits,
     _twist,
     _command_limit,

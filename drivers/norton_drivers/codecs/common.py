@@ -38,6 +38,15 @@ def crc16_modbus(data: bytes | bytearray) -> int:
     return remainder
 
 
+def crc16_8005(data: bytes | bytearray) -> int:
+    """CRC-16/UMTS (CRC-16/BUYPASS): polynomial 0x8005, start 0. Dynamixel sends it low byte first."""
+    # The same polynomial over mirrored bytes, least significant bit first, gives the mirrored remainder.
+    remainder = 0
+    for byte in data.translate(_MIRRORED):
+        remainder = remainder >> 8 ^ _MODBUS[remainder & 0xFF ^ byte]
+    return _MIRRORED[remainder & 0xFF] << 8 | _MIRRORED[remainder >> 8]
+
+
 def _remainder_of(byte: int) -> int:
     for _ in range(8):
         byte = byte >> 1 ^ (_MODBUS_POLYNOMIAL if byte & 1 else 0)

@@ -14,6 +14,8 @@ FIRMWARE = {
     "cia402": ("cia402", "Cia402Drive"),
     "cubemars": ("cubemars", "CubeMarsActuator"),
     "damiao": ("damiao", "DamiaoMotor"),
+    "dynamixel": ("dynamixel", "DynamixelServo"),
+    "feetech": ("feetech", "FeetechServo"),
     "mit": ("mit", "MitMotor"),
     "moteus": ("moteus", "MoteusBoard"),
     "robstride": ("robstride", "RobStrideMotor"),

@@ -10,6 +10,7 @@ from typing import Protocol
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.connectors import CanConnector, SerialConnector
+from norton_sim.half_duplex import HalfDuplexLine
 from norton_sim.hookup import AS_WRITTEN, Hookup
 from norton_sim.plant import Plant
 from norton_sim.truth import Truth
@@ -81,11 +82,23 @@ class DeviceContext:
 
     def serial_connector(self) -> SerialConnector:
         """Connect the device to its port. Raises WiringError where the rig names none."""
+        return self._connected(self.wires.serial(self._port()))
+
+    def half_duplex_connector(self, baud: int) -> SerialConnector:
+        """Connect the device to the line that it shares with others. Raises WiringError where the rig names none."""
+        port, lines = self._port(), self.world.lines
+        if port not in lines:
+            lines[port] = HalfDuplexLine(self.world, self.wires.serial(port))
+        return self._connected(lines[port].connector(baud))
+
+    def _port(self) -> str:
         if self.settings.port is None:
             raise WiringError(
                 f'[{self.settings.role}] driver = {self.settings.driver!r} needs a serial port: add port = "..."'
             )
-        plug = self.wires.serial(self.settings.port)
+        return self.settings.port
+
+    def _connected(self, plug: SerialConnector) -> SerialConnector:
         self.world.wires[self.settings.role] = plug
         self.hookup.connect_serial(plug)
         return plug

@@ -77,6 +77,8 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "damiao": {"node": 1, "master": 17},
         "robstride": {"node": 1, "motor": "rs02"},
         "cubemars": {"node": 1, "pole_pairs": 21, "gear_ratio": 9, "mode": "torque", "torque_constant": 0.8},
+        "dynamixel": {"node": 1, "type": "XM430-W350", "mode": "torque", "torque_constant": 1.8},
+        "feetech": {"node": 1, "type": "STS3215", "mode": "torque", "stall_torque": 1.9},
     }[driver]
     options = amplifier_options(driver, needed)
     assert options is not None

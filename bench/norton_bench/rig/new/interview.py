@@ -87,7 +87,11 @@ class Interview:
         section = Section("rig")
         name = Question("rig.name", "a name for the bench: letters, digits, . _ -", self.name)
         section.add("name", quoted(self.ask.ask(name)), "files are named after it")
-        section.add("rate", self._quantity("rig.rate", "how often the loop runs", "Hz", "1 kHz"), "of the loop")
+        section.add(
+            "rate",
+            self._quantity("rig.rate", "how often the loop runs (servos on a shared line: 400 Hz)", "Hz", "1 kHz"),
+            "of the loop",
+        )
         section.add("backend", quoted("hardware"), "or by --backend on the command line: hardware, simulated")
         return section
 
