@@ -5,9 +5,9 @@ which the driver wants them), ``OPTION_FILES`` (options that may name a file bes
 ("can" or "serial"), ``BITRATE`` (of a CAN device as it is delivered, "500 kbit/s"), ``DATA_BITRATE`` (the same for the
 data of one that sends CAN FD frames) and one subclass of ``norton_drivers.wiring.DeviceOptions``;
 ``check_settings(settings)``, which raises WiringError for what only the files that the options name can tell; and,
-where several such devices may share a serial port, ``check_port(settings, tick_ns)``, which raises WiringError where the
-line cannot carry all of them in every tick; ``find(settings, link)``, which asks a serial line who is there, and yields
-devices in words with their options. A driver that declares nothing checks its options itself.
+where several such devices may share a serial port, ``check_port(settings, tick_ns)``, which raises WiringError where
+the line cannot carry all of them in every tick; ``find(settings, link)``, which asks a serial line who is there, and
+yields devices in words with their options. A driver that declares nothing checks its options itself.
 """
 
 import sys
