@@ -50,7 +50,7 @@ class VescController:
         self._amplifier_gain = truth.amplifier_gain
         self._volt_s_rad = AMPLITUDE_PER_TORQUE_CURRENT * truth.torque_constant_nm_a
         in_duty = options.mode == "duty"
-        self._amplifier = ReleasingAmplifier(
+        self.amplifier = ReleasingAmplifier(
             context,
             self._machine,
             FAULTS,
@@ -58,8 +58,8 @@ class VescController:
             timeout_s=options.watchdog_s,
             per_ampere=1 / self._amplifier_gain if in_duty else options.per_ampere,
         )
-        self._amplifier.on_release = self._end_duty
-        self.heating = self._amplifier.heating
+        self.amplifier.on_release = self._end_duty
+        self.heating = self.amplifier.heating
         self._duty: float | None = None  # where the voltage is what is commanded
         self._frozen: tuple[float, float] | None = None
         self._assembler = protocol.Assembler()
@@ -72,15 +72,15 @@ class VescController:
 
     @property
     def armed(self) -> bool:
-        return self._amplifier.running
+        return self.amplifier.running
 
     @property
     def fault(self) -> int:
         """Its fault code."""
-        return self._amplifier.fault
+        return self.amplifier.fault
 
     def break_down(self, fault: DriveFault) -> None:
-        self._amplifier.break_down(fault)
+        self.amplifier.break_down(fault)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -163,12 +163,12 @@ class VescController:
                     self._answer(received)
 
     def _set_current(self, current_a: float) -> None:
-        if self._amplifier.set_current(current_a):
+        if self.amplifier.set_current(current_a):
             self._end_duty()
 
     def _set_duty(self, duty: float) -> None:
-        if self._amplifier.heed():
-            self._amplifier.running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
+        if self.amplifier.heed():
+            self.amplifier.running, self._duty = True, min(max(duty, -MOST_DUTY), MOST_DUTY)
             self._press(self._world.now_ns)
 
     def _end_duty(self) -> None:
