@@ -101,10 +101,10 @@ def noise(truth: Truth, stretches: tuple[Signals, ...], rig: Rig) -> bound.Noise
     """What torque sensor, encoder and wire add to a reading, by their true values.
 
     The shaft may stand anywhere within the step in which its position comes, be it the encoder's count or the drive's
-    word. A drive in MIT mode reads when a command arrives, and answers: the time from command to answer then tells half
-    of the variance of either's travel.
+    word. A drive in MIT mode, or a moteus, reads when a command arrives, and answers: the time from command to answer
+    then tells half of the variance of either's travel.
     """
-    answers_commands = rig.wiring.actuator.driver == "mit"
+    answers_commands = rig.wiring.actuator.driver in ("mit", "moteus")
     travel_s = truth.transport.can_jitter_ns * 1e-9 / np.sqrt(3)
     if answers_commands:
         travel_s /= np.sqrt(2)

@@ -91,7 +91,7 @@ def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path
 
 # What each rig can perform, of the sessions that are shipped, or what it lacks.
 SPOKEN_TO = ("sim-mit", "sim-damiao", "sim-robstride")
-WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-cubemars", *SPOKEN_TO)
+WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-cubemars", "sim-moteus", *SPOKEN_TO)
 SESSIONS = ("characterise", "quick", "refine", "zero-torque")
 LACKS = dict.fromkeys(product(SESSIONS, WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-free-shaft"]), "'calibrate' needs a load drive")
@@ -117,6 +117,10 @@ LACKS |= dict.fromkeys(product(["in-situ"], BY_TABLES), "")
 LACKS |= dict.fromkeys(product((*SESSIONS, "in-situ"), ["sim-servo"]), "the command of this actuator is a position")
 LACKS["quick", "sim-servo"] = "'imposed' asks for 20 rad/s"
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-servo"]), "")
+GEARED = ("sim-dynamixel", "sim-feetech")
+LACKS |= dict.fromkeys(product(("in-situ", "refine", "zero-torque", *TABULATE), GEARED), "")
+LACKS |= dict.fromkeys(product(("characterise", "quick"), GEARED), "'imposed' asks for [24]0 rad/s")
+LACKS |= {(session, "sim-dynamixel-alone"): "needs a load drive" for session in (*SESSIONS, "in-situ", *TABULATE)}
 
 
 def test_every_session_and_rig_that_is_shipped_is_looked_at() -> None:

@@ -72,12 +72,19 @@ TICK = np.dtype(
 )
 NO_DEVICE_TIME = np.iinfo(np.int64).min
 
-# One row a reading.
-MOTION = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("position_rad", "f8"), ("velocity_rad_s", "f8")])
-CURRENT = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("current_a", "f8")])
-TORQUE = np.dtype(
-    [("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")]
-)  # device_ns is NO_DEVICE_TIME where the sensor sends none
+# One row a reading. ``device_ns`` is NO_DEVICE_TIME where the device sends none; in recordings that are older than the
+# column it reads as 0.
+MOTION = np.dtype(
+    [
+        ("arrival_ns", "i8"),
+        ("sequence", "i8"),
+        ("position_rad", "f8"),
+        ("velocity_rad_s", "f8"),
+        ("device_ns", "i8"),
+    ]
+)
+CURRENT = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("current_a", "f8"), ("device_ns", "i8")])
+TORQUE = np.dtype([("arrival_ns", "i8"), ("device_ns", "i8"), ("sequence", "i8"), ("torque_nm", "f8"), ("valid", "?")])
 
 TEMPERATURE = np.dtype([("arrival_ns", "i8"), ("sequence", "i8"), ("temperature_c", "f8")])
 
@@ -88,6 +95,24 @@ class Quantity(NamedTuple):
     column: str
     name: str
     unit: str
+
+
+def has_device_clock(table: Table) -> bool:
+    """Whether every row bears the device's own time."""
+    if "device_ns" not in (table.dtype.names or ()) or not len(table):
+        return False
+    stamps = table["device_ns"]
+    return bool(stamps.any() and np.all(stamps != NO_DEVICE_TIME))
+
+
+def _motion_row(reading: MotionReading) -> tuple[float, ...]:
+    sequence, arrival_ns, position_rad, velocity_rad_s, device_ns = reading
+    return arrival_ns, sequence, position_rad, velocity_rad_s, NO_DEVICE_TIME if device_ns is None else device_ns
+
+
+def _current_row(reading: CurrentReading) -> tuple[float, ...]:
+    sequence, arrival_ns, current_a, device_ns = reading
+    return arrival_ns, sequence, current_a, NO_DEVICE_TIME if device_ns is None else device_ns
 
 
 def _torque_row(reading: TorqueReading) -> tuple[float, ...]:
@@ -128,8 +153,16 @@ MOTIONS = Kind(
     "take_motion",
     (Quantity("position_rad", "angle", "rad"), Quantity("velocity_rad_s", "velocity", "rad/s")),
     instrument="encoder",
+    convert=_motion_row,
 )
-CURRENTS = Kind("Current", CURRENT, CurrentReading, "take_current", (Quantity("current_a", "current", "A"),))
+CURRENTS = Kind(
+    "Current",
+    CURRENT,
+    CurrentReading,
+    "take_current",
+    (Quantity("current_a", "current", "A"),),
+    convert=_current_row,
+)
 TORQUES = Kind(
     "Torque",
     TORQUE,

@@ -4,14 +4,15 @@ from random import Random
 
 import can
 
-_DATA_MAX = 8
+_DATA_MAX, _FD_DATA_MAX = 8, 64
 
 
-def random_frame(random: Random, identifiers: tuple[int, ...]) -> can.Message:
+def random_frame(random: Random, identifiers: tuple[int, ...], *, fd: bool = False) -> can.Message:
     """Any frame; every other one has an identifier that somebody listens to."""
     extended = random.random() < 0.5
     identifier = random.choice(identifiers) if random.random() < 0.5 else random.getrandbits(29 if extended else 11)
-    return _frame(identifier, random.randbytes(random.randint(0, _DATA_MAX)), extended or identifier > 0x7FF, random)
+    data = random.randbytes(random.randint(0, _FD_DATA_MAX if fd else _DATA_MAX))
+    return _frame(identifier, data, extended or identifier > 0x7FF, random, fd)
 
 
 def damaged_frame(frame: can.Message, random: Random) -> can.Message:
@@ -19,22 +20,23 @@ def damaged_frame(frame: can.Message, random: Random) -> can.Message:
     data, identifier = bytearray(frame.data), frame.arbitration_id
     match random.randrange(4):
         case 0:
-            data = damaged(data, random)[:_DATA_MAX]
+            data = damaged(data, random)[: _FD_DATA_MAX if frame.is_fd else _DATA_MAX]
         case 1:
             identifier ^= 1 << random.randrange(29 if frame.is_extended_id else 11)
         case 2:
-            return _frame(identifier, bytes(data), not frame.is_extended_id or identifier > 0x7FF, random)
-    return _frame(identifier, bytes(data), frame.is_extended_id, random)
+            return _frame(identifier, bytes(data), not frame.is_extended_id or identifier > 0x7FF, random, frame.is_fd)
+    return _frame(identifier, bytes(data), frame.is_extended_id, random, frame.is_fd)
 
 
-def _frame(identifier: int, data: bytes, extended: bool, random: Random) -> can.Message:
-    remote = random.random() < 0.02
+def _frame(identifier: int, data: bytes, extended: bool, random: Random, fd: bool) -> can.Message:
+    remote = random.random() < 0.02 and not fd
     return can.Message(
         arbitration_id=identifier,
         is_extended_id=extended,
         is_remote_frame=remote,
         dlc=len(data),
         data=None if remote else data,
+        is_fd=fd,
     )
 
 

@@ -1,6 +1,6 @@
-"""A driver on a scripted bus, and by hand what it is to make of a frame: ODrive, VESC, DBC."""
+"""A driver on a scripted bus, and by hand what it is to make of a frame: ODrive, VESC, moteus, DBC."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from math import copysign, isfinite, tau
 from pathlib import Path
 from random import Random
@@ -12,9 +12,9 @@ import cantools
 import odrive_can
 
 from norton_bench.testing import ScriptedWorld
-from norton_drivers import dbc_sensor, odrive, vesc
+from norton_drivers import dbc_sensor, moteus, odrive, vesc
 from norton_drivers.devices import Amplifier
-from norton_drivers.wiring import DeviceSettings
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 from .frames import FrameCodec, Values
 
@@ -28,8 +28,16 @@ _ODRIVE_MESSAGES = (0x01, 0x03, 0x04, 0x05, 0x09, 0x0A, 0x14, 0x15, 0x17, 0x1C, 
 class AmplifierListener:
     """Hears through the driver of an amplifier; ``code_of`` gives a position back as the number that was sent."""
 
-    def __init__(self, opened: Callable[..., Amplifier], name: str, code_of: Callable[[float], float], **options: Any):
-        self._world = ScriptedWorld()
+    def __init__(
+        self,
+        opened: Callable[..., Amplifier],
+        name: str,
+        code_of: Callable[[float], float],
+        *,
+        fd: bool = False,
+        **options: Any,
+    ) -> None:
+        self._world = ScriptedWorld(buses=(CanBusSettings("can0", "scripted", "scripted", fd=fd),))
         link = self._world.link()
         settings = DeviceSettings("actuator", name, bus="can0", options=options)
         self._driver = opened(settings, link)
@@ -157,6 +165,70 @@ def vesc_status() -> FrameCodec:
     listener = AmplifierListener(vesc.open_amplifier, "vesc", code_of, node=NODE, pole_pairs=_POLE_PAIRS)
     identifiers = tuple(packet << 8 | node for packet in (5, 6, 7, 8, 9, 16, 18, 27) for node in (NODE, 254))
     return FrameCodec("VESC", NO_REDUNDANCY, identifiers, _vesc_frame, listener, VescTruth())
+
+
+# ---- moteus ----------------------------------------------------------------------------------------------------------
+
+
+class MoteusTruth:
+    """By can.md: a reply of nothing but whole subframes, with all that is asked for in every tick in finite numbers."""
+
+    REGISTERS = frozenset((0, 1, 2, 3, 4, 13, 14, 15))
+
+    def __call__(self, frame: can.Message) -> Values:
+        if frame.arbitration_id != NODE << 8 or frame.is_remote_frame:
+            return []
+        told: dict[int, float] = {}
+        for register, values in _replied(bytes(frame.data)):
+            if register < 0:
+                return []
+            told.update(enumerate(values, register))
+        if not told.keys() >= self.REGISTERS or not all(isfinite(told[register]) for register in range(1, 5)):
+            return []
+        return [(tau * told[1], tau * told[2]), (told[4],)]
+
+
+def _replied(data: bytes) -> Iterator[tuple[int, Sequence[float]]]:
+    """The first register of each row, and its values; -1 for what is cut short or unknown, where a frame ends."""
+    at = 0
+    while at < len(data):
+        first = data[at]
+        at += 1
+        if first == 0x50:
+            continue
+        read = [] if first >= 0x30 or not first & 3 else [first & 3]
+        while len(read) < 2 and first <= 0x31:
+            end = next((place for place in range(at, min(at + 5, len(data))) if data[place] < 0x80), None)
+            if end is None:
+                break
+            read.append(sum((byte & 0x7F) << 7 * place for place, byte in enumerate(data[at : end + 1])))
+            at = end + 1
+        if len(read) < 2:
+            yield -1, ()
+            return
+        if first >= 0x30 or first & 0xF0 == 0x10:
+            continue
+        size, register = read
+        end = at + size * (1, 2, 4, 4)[first >> 2 & 3]
+        if end > len(data):
+            yield -1, ()
+            return
+        if first >= 0x20:
+            yield register, Struct(f"<{size}{'bhif'[first >> 2 & 3]}").unpack(data[at:end])
+        at = end
+
+
+def _moteus_frame(random: Random) -> can.Message:
+    values = [random.uniform(-1e3, 1e3) for _ in range(4)]
+    head = random.choice((b"", b"\x30\x2b\x01", b"\x50")) + bytes((0x21, 0, random.randrange(16)))
+    tail = b"\x27\x0d" + Struct("<3h").pack(random.randrange(600), random.randrange(900), random.choice((0, 0, 33, 99)))
+    data = head + b"\x2c\x04\x01" + Struct("<4f").pack(*values) + tail
+    return can.Message(arbitration_id=NODE << 8, data=data.ljust(32, b"\x50"), is_fd=True)
+
+
+def moteus_replies() -> FrameCodec:
+    listener = AmplifierListener(moteus.open_amplifier, "moteus", lambda rad: rad, fd=True, node=NODE)
+    return FrameCodec("moteus", NO_REDUNDANCY, (NODE << 8, NODE), _moteus_frame, listener, MoteusTruth(), fd=True)
 
 
 # ---- A sensor that a DBC file describes ------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ class Listener(Protocol):
 
 @dataclass
 class FrameCodec:
-    """``good`` makes a frame of the device's own; ``truth`` says what is to be read in any frame."""
+    """``good`` makes a frame of the device's own; ``truth`` says what is to be read in any frame. ``fd``: of CAN FD."""
 
     name: str
     redundancy: str
@@ -34,11 +34,12 @@ class FrameCodec:
     good: Callable[[Random], can.Message]
     listener: Listener
     truth: Callable[[can.Message], Values]
+    fd: bool = False
 
     def outcomes(self, count: int, random: Random) -> Iterator[Outcome]:
         """Half of the frames random, half of them good ones that were damaged."""
         half = count // 2
-        yield self._outcome("random", half, lambda: random_frame(random, self.identifiers))
+        yield self._outcome("random", half, lambda: random_frame(random, self.identifiers, fd=self.fd))
         yield self._outcome("damaged", half, lambda: damaged_frame(self.good(random), random))
         self.listener.close()
 

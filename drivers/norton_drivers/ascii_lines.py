@@ -14,7 +14,8 @@ from norton_drivers.errors import DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
 from norton_drivers.readings import DeviceIdentity
-from norton_drivers.serial_sensor import ByteStamps, SerialSensor
+from norton_drivers.serial_sensor import SerialSensor
+from norton_drivers.serial_timing import ByteStamps
 from norton_drivers.wiring import DeviceSettings, TorqueSensorOptions, parse_options
 
 CONNECTION = "serial"

@@ -33,7 +33,7 @@ _NAMES: dict[tuple[int, int], UsbName] = {
     (0x1D50, 0x606F): UsbName(_GS_USB, "socketcan"),
     (0x1209, 0x2323): UsbName(_GS_USB, "socketcan"),
     (0x1209, 0xCA01): UsbName("CANnectivity CAN adapter", "socketcan"),
-    (0x1209, 0x0D32): UsbName("ODrive's own USB port (spoken to over CAN here)"),
+    (0x1209, 0x0D32): UsbName("ODrive's own USB port"),
     (0x0483, 0x5740): UsbName("STM32 serial port: a VESC's own, an slcan adapter, or another", "slcan"),
     (0x0403, 0x6001): UsbName("FTDI serial adapter"),
     (0x0403, 0x6010): UsbName("FTDI serial adapter, two ports"),
@@ -86,7 +86,7 @@ def list_ports() -> tuple[FoundPort, ...]:
     return (*(found_serial(entry) for entry in serial_list.comports()), *links, *_detected())
 
 
-def found_serial(entry: Any, by_id: Path = BY_ID, usb_serial: Path = USB_SERIAL) -> FoundPort:
+def found_serial(entry: Any, by_id: Path = BY_ID) -> FoundPort:
     """One of pyserial's ``ListPortInfo``."""
     known = usb_name(entry.vid, entry.pid)
     # What the device says of itself, then what its numbers tell.
@@ -99,7 +99,7 @@ def found_serial(entry: Any, by_id: Path = BY_ID, usb_serial: Path = USB_SERIAL)
         device=entry.device,
         usb="" if entry.vid is None else f"{entry.vid:04x}:{entry.pid:04x}",
         interface=known.interface if known and known.interface == "slcan" else "",
-        mend="; ".join(serial_obstacles(entry.device, usb_serial)),
+        mend="; ".join(serial_obstacles(entry.device)),
     )
 
 
@@ -115,15 +115,22 @@ def stable_path(device: str, by_id: Path = BY_ID) -> str:
     return next((str(link) for link in links if link.resolve() == Path(device).resolve()), device)
 
 
-def serial_obstacles(device: str, usb_serial: Path = USB_SERIAL) -> Iterator[str]:
-    """What keeps a serial port from being opened, or from being quick, with the remedy."""
+def serial_obstacles(device: str) -> Iterator[str]:
+    """What keeps a serial port from being opened, with the remedy."""
     path = Path(device)
     if path.exists() and not os.access(path, os.R_OK | os.W_OK):
         yield "this user may not open it: `sudo usermod -aG dialout $USER`, then log in again"
-    timer = usb_serial / path.resolve().name / "latency_timer"
+
+
+def held_back_words(device: str, usb_serial: Path = USB_SERIAL) -> str:
+    """How long an adapter's latency timer holds bytes back, with the remedy; "" where it is quick, or has none.
+
+    Of an open port: the hardware backend asks every adapter to be quick (``adapters.serial_line.hurry``), and the timer
+    then reads as 1 ms; one that does not heed that must be told by the system's administrator.
+    """
+    timer = usb_serial / Path(device).resolve().name / "latency_timer"
     held_back_ms = _number(timer)
-    if held_back_ms > 1:
-        yield f"it holds bytes back for up to {held_back_ms} ms: `echo 1 | sudo tee {timer}`"
+    return f"it holds bytes back for up to {held_back_ms} ms: `echo 1 | sudo tee {timer}`" if held_back_ms > 1 else ""
 
 
 def _detected() -> Iterator[FoundPort]:

@@ -147,10 +147,19 @@ class Questions:
     late; so nothing more is asked until the other, if there is one, must have come too, and found nobody waiting.
 
     ``ask`` sends the question. ``pause_s`` is how long the device or its line wants to be left alone after an
-    answer. ``answers`` and ``unanswered`` count. While ``hushed``, nothing is asked.
+    answer. ``once_a_poll``: what answers quickly is not asked twice in one poll, so that its readings come evenly.
+    ``answers`` and ``unanswered`` count. While ``hushed``, nothing is asked.
     """
 
-    def __init__(self, link: Link, ask: Callable[[], None], timeout_s: float, pause_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        link: Link,
+        ask: Callable[[], None],
+        timeout_s: float,
+        pause_s: float = 0.0,
+        *,
+        once_a_poll: bool = False,
+    ) -> None:
         self.answers = 0
         self.unanswered = 0
         self.hushed = False
@@ -162,7 +171,13 @@ class Questions:
         self._overdue = False
         self._given_up = False  # whether the question before the present one got no answer
         self._free_ns = 0  # when the next question may be asked
-        link.questions.append(self.ask_if_due)
+        self._once_a_poll = once_a_poll
+        self._asked_in_poll = False
+        link.questions.append(self._begin_poll)
+
+    def _begin_poll(self) -> None:
+        self._asked_in_poll = False
+        self.ask_if_due()
 
     def ask_if_due(self) -> None:
         """Ask, where nothing is awaited and the line may be used. Raises ConnectionFailedError."""
@@ -195,10 +210,10 @@ class Questions:
             self._free_ns = asked_ns + self._timeout_ns if self._given_up else arrival_ns + self._pause_ns
             # At once rather than at the next poll: a tick is as long as some devices take to answer. But a device that
             # takes no time at all must not keep the poll from ending.
-            if self._clock.now_ns() > asked_ns:
+            if self._clock.now_ns() > asked_ns and not (self._once_a_poll and self._asked_in_poll):
                 self.ask_if_due()
         return asked_ns
 
     def _send(self, now_ns: int) -> None:
-        self._asked_ns, self._overdue = now_ns, False
+        self._asked_ns, self._overdue, self._asked_in_poll = now_ns, False, True
         self._ask()

@@ -63,6 +63,8 @@ Tap = Callable[[RawFrame], None]
 FrameHandler = Callable[[can.Message, int], None]
 BytesHandler = Callable[[bytes, int], None]
 
+_UNEXPECTED_FD = "CAN FD frames on a bus that is not said to carry them, left out: add fd = true to it"
+
 
 class SerialLine(Protocol):
     """One CAN bus or one serial line, shared by the drivers on it: sends, drains what arrived, hands it on, keeps a
@@ -85,7 +87,8 @@ class CanPort:
 
     Parameters: the open bus; ``arrival_ns(message)``, which puts a received message's time stamp on ``clock``; the
     state that the bus reports; whether a frame that is not marked as received is one of our own, sent back;
-    whether error frames say what they mean as Linux' do.
+    whether error frames say what they mean as Linux' do; whether it carries CAN FD frames (``fd``), and their data
+    at a bit rate of their own (``switches_bitrate``).
     """
 
     def __init__(
@@ -98,8 +101,11 @@ class CanPort:
         health: Health | None = None,
         marks_own_frames: bool = True,
         linux_error_frames: bool = True,
+        fd: bool = False,
+        switches_bitrate: bool = False,
     ) -> None:
         self.name = name
+        self.fd = fd
         self.bus = bus
         self.tap: Tap | None = None
         self.error_frames = 0
@@ -109,6 +115,7 @@ class CanPort:
         self._health = StateOnly(bus) if health is None else health
         self._marks_own_frames = marks_own_frames
         self._linux_error_frames = linux_error_frames
+        self._switches_bitrate = switches_bitrate
         self._errors: dict[str, int] = {}
         self._off_bus = False
         self._subscribed: list[tuple[FrameHandler, Collection[int] | None]] = []
@@ -126,10 +133,16 @@ class CanPort:
     def _listening_to(self, identifier: int) -> list[FrameHandler]:
         return [each for each, its in self._subscribed if its is None or identifier in its]
 
-    def send(self, arbitration_id: int, data: bytes, *, extended: bool = False, remote: bool = False) -> None:
-        """Put one frame on the bus. Raises ConnectionFailedError where the transport refuses it."""
-        # Positions: stamp, identifier, extended, remote, error frame, channel, length.
-        message = can.Message(0.0, arbitration_id, extended, remote, False, None, 8 if remote else len(data), data)
+    def send(
+        self, arbitration_id: int, data: bytes, *, extended: bool = False, remote: bool = False, fd: bool = False
+    ) -> None:
+        """Put one frame on the bus; a CAN FD frame has one of the lengths that such a frame can have.
+
+        Raises ConnectionFailedError where the transport refuses it.
+        """
+        switched, length = fd and self._switches_bitrate, 8 if remote else len(data)
+        # Positions: stamp, identifier, extended, remote, error frame, channel, length, data, FD, received, switched.
+        message = can.Message(0.0, arbitration_id, extended, remote, False, None, length, data, fd, True, switched)
         try:
             self.bus.send(message)
         except (can.CanError, OSError) as error:
@@ -137,7 +150,8 @@ class CanPort:
                 f"bus {self.name}: cannot send ({reason_of(error)}); is the adapter plugged in?"
             ) from error
         if self.tap is not None:
-            self.tap(RawFrame(self._clock.now_ns(), self.name, True, data, arbitration_id, extended, remote))
+            now_ns = self._clock.now_ns()
+            self.tap(RawFrame(now_ns, self.name, True, data, arbitration_id, extended, remote, fd, switched))
 
     def poll(self) -> int:
         """Hand on every frame that has arrived; returns how many.
@@ -159,16 +173,20 @@ class CanPort:
                 self._note_error(message)
             elif self._marks_own_frames and not message.is_rx:
                 self.own_frames += 1
+            elif message.is_fd and not self.fd:
+                self._errors[_UNEXPECTED_FD] = self._errors.get(_UNEXPECTED_FD, 0) + 1
             else:
-                arrival_ns, identifier = self._arrival_ns(message), message.arbitration_id
-                if self.tap is not None:
-                    data, extended, remote = bytes(message.data), message.is_extended_id, message.is_remote_frame
-                    self.tap(RawFrame(arrival_ns, self.name, False, data, identifier, extended, remote))
-                for handler in self._handlers.get(identifier, self._of_others):
-                    handler(message, arrival_ns)
+                self._hand_on(message)
         if self._off_bus:
             raise self._bus_off("an error frame says so")
         return count
+
+    def _hand_on(self, message: can.Message) -> None:
+        arrival_ns, identifier = self._arrival_ns(message), message.arbitration_id
+        if self.tap is not None:
+            self.tap(received_frame(message, arrival_ns, self.name))
+        for handler in self._handlers.get(identifier, self._of_others):
+            handler(message, arrival_ns)
 
     def ask(self) -> None:
         """Ask the adapter how it is; about once a second, not every tick. Raises ConnectionFailedError."""
@@ -207,6 +225,13 @@ class CanPort:
     def close(self) -> None:
         """Release the bus."""
         self.bus.shutdown()
+
+
+def received_frame(message: can.Message, arrival_ns: int, channel: str) -> RawFrame:
+    """For the recording."""
+    data, switched = bytes(message.data), message.is_fd and message.bitrate_switch
+    extended, remote = message.is_extended_id, message.is_remote_frame
+    return RawFrame(arrival_ns, channel, False, data, message.arbitration_id, extended, remote, message.is_fd, switched)
 
 
 class SerialPort:

@@ -13,26 +13,28 @@ from typing import Generic, NamedTuple, TypeVar
 
 
 class MotionReading(NamedTuple):
-    """Shaft position and velocity from a drive's encoder."""
+    """Shaft position and velocity from a drive's encoder; ``device_ns`` as in :class:`TorqueReading`."""
 
     sequence: int
     arrival_ns: int
     position_rad: float
     velocity_rad_s: float
+    device_ns: int | None = None
 
 
 class CurrentReading(NamedTuple):
-    """Measured torque-producing current of a drive."""
+    """Measured torque-producing current of a drive; ``device_ns`` as in :class:`TorqueReading`."""
 
     sequence: int
     arrival_ns: int
     current_a: float
+    device_ns: int | None = None
 
 
 class TorqueReading(NamedTuple):
     """Torque that the actuator exerts on the load, at the port.
 
-    ``device_ns`` is the sensor's own clock where it sends one (unwrapped, its epoch arbitrary), and for a sensor that
+    ``device_ns`` is the device's own clock where it sends one (unwrapped, its epoch arbitrary), and for a device that
     has to be asked the instant of the question, from which its measurement is a constant time away; else None.
     """
 
@@ -87,7 +89,10 @@ ERROR_FRAME = 0x20000000
 
 
 class RawFrame(NamedTuple):
-    """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording."""
+    """One CAN frame or one chunk of serial bytes as it crossed the wire, for the recording.
+
+    ``fd``: a CAN FD frame; ``switched``: its data went at the bus's second bit rate.
+    """
 
     stamp_ns: int
     channel: str
@@ -96,6 +101,8 @@ class RawFrame(NamedTuple):
     arbitration_id: int = -1  # -1: serial bytes
     extended: bool = False
     remote: bool = False
+    fd: bool = False
+    switched: bool = False
 
 
 Reading = TypeVar("Reading")

@@ -1,11 +1,12 @@
 """Drivers by the name a rig file gives them, and what they offer to tell who is on a bus.
 
-Drivers are listed without importing them, and loaded one at a time. A driver's module may offer three functions, all of
-them pure, without a port and without a clock:
+Drivers are listed without importing them, and loaded one at a time. A driver's module may offer these, all of them
+pure, without a port and without a clock:
 
 - ``recognise(message, options)``, a :data:`Recogniser`, which is shown every frame on the bus, other makers' too;
 - ``answers(question, frame)``, whether ``frame`` answers ``question``: two answers come from two devices;
-- ``probes(options, heard)``, questions that make every device of this kind say something, whatever its address.
+- ``probes(options, heard)``, questions that make every device of this kind say something, whatever its address;
+- ``SERIAL_PROBE``, a :class:`SerialProbe`, for a device that speaks on a serial line only when spoken to.
 """
 
 import sys
@@ -52,6 +53,14 @@ class Question(NamedTuple):
     extended: bool = False
 
 
+class SerialProbe(NamedTuple):
+    """Bytes that move nothing and that a device of one kind answers; ``recognise(data)`` says in words who answered so,
+    None where nobody of this kind did."""
+
+    ask: bytes
+    recognise: Callable[[bytes], str | None]
+
+
 # Given a frame and the options of the rig's device with this driver ({} where the rig has none).
 Recogniser = Callable[[can.Message, Mapping[str, Any]], Recognised | None]
 # Given a question as it was sent, and a frame that came after it.
@@ -78,7 +87,10 @@ class Recognition:
     recognise: Recogniser | None = None
     answers: Answers | None = None
     probes: Probes | None = None
+    serial: SerialProbe | None = None
 
+
+OFFERS = ("recognise", "answers", "probes", "SERIAL_PROBE")  # the fields of Recognition, in their order
 
 BACKENDS = "norton_bench.backends"
 AMPLIFIERS = "norton_bench.amplifiers"
@@ -145,10 +157,7 @@ def installed(group: str) -> dict[str, ModuleType]:
 def recognition() -> dict[str, Recognition]:
     """What the installed drivers offer to tell who is on a bus, by the driver's name."""
     modules = {**installed(AMPLIFIERS), **installed(TORQUE_SENSORS)}
-    return {
-        name: Recognition(*(getattr(module, offer, None) for offer in ("recognise", "answers", "probes")))
-        for name, module in modules.items()
-    }
+    return {name: Recognition(*(getattr(module, offer, None) for offer in OFFERS)) for name, module in modules.items()}
 
 
 def load_backend(name: str) -> BackendFactory:

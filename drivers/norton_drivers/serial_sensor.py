@@ -1,44 +1,13 @@
 """What the drivers of serial torque sensors share."""
 
-from collections.abc import Sequence
 from math import isfinite
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import SerialPort
 from norton_drivers.readings import Inbox, TorqueReading
+from norton_drivers.serial_timing import ByteStamps
 from norton_drivers.wiring import DeviceSettings
-
-Message = TypeVar("Message")
-
-BITS_PER_BYTE = 10  # start, eight data bits, stop
-
-
-class ByteStamps:
-    """Computes when a message on a serial line was complete, from the arrival of the bytes it was read with.
-
-    Bytes come one by one: a message was complete before those that followed it in the same chunk.
-
-    Stamps never run backwards: adapters that pile bytes up hand them over closer together than they can have come.
-    """
-
-    def __init__(self, baud: int) -> None:
-        self._byte_ns = BITS_PER_BYTE * 1e9 / baud
-        self._last_ns = 0
-
-    def complete_ns(self, arrival_ns: int, later_bytes: int) -> int:
-        """For a message with ``later_bytes`` after it in a chunk whose last byte arrived at ``arrival_ns``."""
-        self._last_ns = max(self._last_ns, arrival_ns - round(later_bytes * self._byte_ns))
-        return self._last_ns
-
-    def each(
-        self, messages: Sequence[Message], length: int, arrival_ns: int, later_bytes: int
-    ) -> list[tuple[Message, int]]:
-        """Messages of ``length`` bytes that stood one behind the other, each with when it was complete."""
-        stamped: list[tuple[Message, int]] = []
-        for later, message in zip(range(len(messages) - 1, -1, -1), messages, strict=True):
-            stamped.append((message, self.complete_ns(arrival_ns, later_bytes + later * length)))
-        return stamped
 
 
 class SerialOptions(Protocol):

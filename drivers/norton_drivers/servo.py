@@ -3,6 +3,12 @@
 from dataclasses import dataclass
 from math import inf
 
+from norton_drivers.errors import DeviceError
+
+# A motor that stands away from the drive's zero when it is enabled is led there: no faster, and from no further.
+LED_RAD_S = 0.5
+FURTHEST_RAD = 0.25
+LATEST_NS = 50_000_000  # a longer silence leads no further
 SHORTEST_WINDOW_S = 1e-6  # of a loop that knows the velocity at once
 
 
@@ -30,3 +36,27 @@ class Servo:
     def greatest_rad(self) -> float:
         """The error at which the torque ends to grow."""
         return self.greatest_nm / self.stiffness_nm_rad
+
+
+class Lead:
+    """Leads a goal from where the shaft stands to what is asked; angles from the drive's own zero, in its own sense."""
+
+    def __init__(self) -> None:
+        self._away_rad = 0.0  # how far the goal still is from what is asked
+        self._led_ns = 0
+
+    def begin(self, position_rad: float, now_ns: int) -> None:
+        """The motor, about to be enabled, stands there. Raises DeviceError where that is too far from zero."""
+        if abs(position_rad) > FURTHEST_RAD:
+            raise DeviceError(
+                f"the shaft stands {position_rad:.3g} rad from the drive's zero, "
+                f"where a command of 0 would take it; turn it to within {FURTHEST_RAD:g} rad, or set the drive's zero"
+            )
+        self._away_rad, self._led_ns = position_rad, now_ns
+
+    def led_rad(self, goal_rad: float, now_ns: int) -> float:
+        """The goal to send."""
+        led_rad = LED_RAD_S * min(now_ns - self._led_ns, LATEST_NS) * 1e-9
+        self._away_rad -= min(max(self._away_rad, -led_rad), led_rad)
+        self._led_ns = now_ns
+        return goal_rad + self._away_rad

@@ -8,18 +8,36 @@ from typing import Any, ClassVar, Final, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from norton_drivers.errors import WiringError
+from norton_drivers.serial_timing import Exchange
 from norton_drivers.servo import Servo
 
 
 @dataclass(frozen=True)
 class CanBusSettings:
-    """One CAN bus, in python-can's own terms (``interface``, ``channel``, ``bitrate`` and its further options)."""
+    """One CAN bus, in python-can's own terms (``interface``, ``channel``, ``bitrate`` and its further options).
+
+    ``fd`` is whether it carries CAN FD frames beside classical ones. Their data go at ``data_bitrate_bit_s``; None:
+    they have no rate of their own, and nothing is switched.
+    """
 
     name: str
     interface: str
     channel: str
     bitrate_bit_s: int = 1_000_000
     options: Mapping[str, Any] = field(default_factory=dict)
+    fd: bool = False
+    data_bitrate_bit_s: int | None = None
+
+    @property
+    def switches_bitrate(self) -> bool:
+        """Whether the data of CAN FD frames go at a rate of their own."""
+        return self.fd and self.data_bitrate_bit_s is not None
+
+    @property
+    def rates(self) -> str:
+        """Its bit rates in words."""
+        data = f" (data {self.data_bitrate_bit_s} bit/s)" if self.switches_bitrate else ""
+        return f"{self.bitrate_bit_s} bit/s{data}"
 
 
 @dataclass(frozen=True)
@@ -84,6 +102,15 @@ class DeviceOptions(BaseModel):
     # Options whose default is often not right: who writes a new rig file is asked for them.
     asked: ClassVar[tuple[str, ...]] = ()
 
+    # Options that come first in questions and lists although a base class has others: where the device is.
+    first: ClassVar[tuple[str, ...]] = ("node",)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_settings: Any) -> None:
+        fields = cls.__pydantic_fields__
+        for name in [name for name in fields if name not in cls.first]:
+            fields[name] = fields.pop(name)
+
     @property
     def command_unit(self) -> str | None:
         """The unit of its commands as these options set it; None where only the open device tells."""
@@ -110,6 +137,11 @@ class DeviceOptions(BaseModel):
     @property
     def servo(self) -> Servo | None:
         """The drive's own position loop, where its commands are positions."""
+        return None
+
+    @property
+    def exchange(self) -> Exchange | None:
+        """What crosses the serial line of a drive that has one of its own; None for what is on a bus, or streams."""
         return None
 
     @property

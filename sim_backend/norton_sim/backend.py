@@ -59,7 +59,8 @@ class SimulatedBackend:
 
     def open_can(self, settings: CanBusSettings) -> CanPort:
         bus = SimulatedBus(settings.name, self.world, self._can_wire(settings.name))
-        port = CanPort(settings.name, bus, self.clock, _stamp_ns)
+        fd, switches_bitrate = settings.fd, settings.switches_bitrate
+        port = CanPort(settings.name, bus, self.clock, _stamp_ns, fd=fd, switches_bitrate=switches_bitrate)
         self._ports.append(port)
         return port
 
@@ -106,7 +107,8 @@ class SimulatedBackend:
                 Delay(transport.can_delay_ns, transport.can_jitter_ns, self._random(bus, direction))
                 for direction in ("to host", "to devices")
             ]
-            self._can_wires[bus] = SimulatedCanWire(self.world, *delays)
+            switches_bitrate = any(each.switches_bitrate for each in self._wiring.buses if each.name == bus)
+            self._can_wires[bus] = SimulatedCanWire(self.world, *delays, switches_bitrate=switches_bitrate)
         return self._can_wires[bus]
 
     def _can_plug(self, bus: str) -> CanConnector:

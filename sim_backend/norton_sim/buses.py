@@ -26,10 +26,14 @@ Inbox = deque[tuple[int, can.Message]]
 
 
 class SimulatedCanWire:
-    """A CAN bus that carries frames with delay: each host that is open gets every frame of every device."""
+    """A CAN bus that carries frames with delay: each host that is open gets every frame of every device.
 
-    def __init__(self, world: World, to_host: Delay, to_devices: Delay) -> None:
+    ``switches_bitrate``: the data of its CAN FD frames go at a bit rate of their own.
+    """
+
+    def __init__(self, world: World, to_host: Delay, to_devices: Delay, *, switches_bitrate: bool = False) -> None:
         self._world = world
+        self._switches_bitrate = switches_bitrate
         self._to_host_delay = to_host
         self._to_devices_delay = to_devices
         self._plugs: list[CanConnector] = []
@@ -50,11 +54,13 @@ class SimulatedCanWire:
         arrival_ns = self._to_host_delay.arrival_ns(self._world.now_ns)
         self._hand_over(arrival_ns, can.Message(arrival_ns * 1e-9, error_class, is_error_frame=True, data=bytes(8)))
 
-    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool, fd: bool) -> None:
         arrival_ns = self._to_host_delay.arrival_ns(self._world.now_ns)
         if not self._inboxes or (self.troubled is not None and not self.troubled.hears):
             return
-        self._hand_over(arrival_ns, can.Message(arrival_ns * 1e-9, arbitration_id, extended, data=data))
+        message = can.Message(arrival_ns * 1e-9, arbitration_id, extended, data=data, is_fd=fd)
+        message.bitrate_switch = fd and self._switches_bitrate
+        self._hand_over(arrival_ns, message)
 
     def _hand_over(self, arrival_ns: int, message: can.Message) -> None:
         for inbox in self._inboxes:
@@ -159,9 +165,9 @@ class SimulatedSerialWire:
     def report_error(self, error_class: int) -> None:
         """Serial adapters do not tell."""
 
-    def to_host(self, data: bytes) -> None:
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         if self._stream is not None:
-            self._stream.send(self._world.now_ns, data)
+            self._stream.send(self._world.now_ns if begun_ns is None else begun_ns, data)
 
     def open(self, baud: int) -> ByteStream:
         """A host opens the line, with an empty input buffer."""

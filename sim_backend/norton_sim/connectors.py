@@ -151,7 +151,7 @@ def _refused(what: str, code: int) -> can.CanOperationError:
     return can.CanOperationError(f"{what}: {os.strerror(code)}", code)
 
 
-FrameSender = Callable[[int, bytes, bool], None]
+FrameSender = Callable[[int, bytes, bool, bool], None]  # identifier, data, extended, CAN FD
 MessageReceiver = Callable[[can.Message], None]
 BytesPassage = Callable[[bytes], None]
 
@@ -220,8 +220,8 @@ def tampered_bytes(passage: BytesPassage, tampers: list[Tamper]) -> BytesPassage
 
 
 def _frames_through(tamper: Tamper, send: FrameSender) -> FrameSender:
-    return lambda arbitration_id, data, extended: tamper(
-        Piece(data, lambda passed: send(arbitration_id, passed, extended))
+    return lambda arbitration_id, data, extended, fd: tamper(
+        Piece(data, lambda passed: send(arbitration_id, passed, extended, fd))
     )
 
 
@@ -238,14 +238,21 @@ def _bytes_through(tamper: Tamper, passage: BytesPassage) -> BytesPassage:
 def _with_data(message: can.Message, data: bytes) -> can.Message:
     if data == message.data:
         return message
-    return can.Message(message.timestamp, message.arbitration_id, message.is_extended_id, data=data)
+    return can.Message(
+        message.timestamp,
+        message.arbitration_id,
+        message.is_extended_id,
+        data=data,
+        is_fd=message.is_fd,
+        bitrate_switch=message.bitrate_switch,
+    )
 
 
 class CanWire(Protocol):
     """A CAN bus as the devices on it see it."""
 
-    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
-        """Put a data frame on the bus."""
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool, fd: bool) -> None:
+        """Put a data frame on the bus, classical or CAN FD."""
         ...
 
     def attach(self, plug: "CanConnector") -> None:
@@ -260,8 +267,8 @@ class CanWire(Protocol):
 class SerialWire(Protocol):
     """A serial line as the device at its far end sees it."""
 
-    def to_host(self, data: bytes) -> None:
-        """Write bytes towards the host."""
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
+        """Write bytes towards the host; the first of them left now, or at ``begun_ns``."""
         ...
 
     def attach(self, plug: "SerialConnector") -> None:
@@ -313,10 +320,10 @@ class CanConnector(Plug):
         self._receive = receive
         self._connect()
 
-    def send(self, arbitration_id: int, data: bytes, *, extended: bool = False) -> None:
+    def send(self, arbitration_id: int, data: bytes, *, extended: bool = False, fd: bool = False) -> None:
         """Send a frame, where the plug is in."""
         if self.connected:
-            self._to_host(arbitration_id, data, extended)
+            self._to_host(arbitration_id, data, extended, fd)
 
     def deliver(self, message: can.Message) -> None:
         """Hand a frame to the device, where the plug is in."""

@@ -1,8 +1,8 @@
 """How a simulated device is really set up and connected, where that differs from the rig file.
 
 ``device = { node = 3, baud = 115200 }`` in a device's true values changes its options as its firmware sees them, in the
-rig file's own spelling. ``driver``, ``bus`` and ``port`` may be given too, ``bitrate`` for a device on CAN, and
-``plugged = false`` for one that is not there.
+rig file's own spelling. ``driver``, ``bus`` and ``port`` may be given too, ``bitrate`` and ``data_bitrate`` for a
+device on CAN, and ``plugged = false`` for one that is not there.
 """
 
 import sys
@@ -14,7 +14,7 @@ from typing import Any
 from norton_bench.units import parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
-from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_drivers.wiring import CanBusSettings, DeviceSettings
 from norton_sim.connectors import CAN_ERR_PROTOCOL, CanConnector, Piece, SerialConnector
 
 _DATA_BITS = 8
@@ -68,19 +68,23 @@ def _heard(line: _Line, bit_s: float) -> Iterator[int]:
 
 
 PLACES = ("driver", "bus", "port")
+RATES = ("bitrate", "data_bitrate")
 
 
 @dataclass(frozen=True)
 class Hookup:
-    """``bitrate_bit_s`` and ``baud`` are the device's own; None where they are those of the wire."""
+    """``bitrate_bit_s``, ``data_bitrate_bit_s`` and ``baud`` are the device's own; None where they are those of the
+    wire."""
 
     plugged: bool = True
     bitrate_bit_s: int | None = None
+    data_bitrate_bit_s: int | None = None
     baud: int | None = None
 
-    def connect_can(self, plug: CanConnector, bus_bitrate_bit_s: int) -> None:
+    def connect_can(self, plug: CanConnector, bus: CanBusSettings) -> None:
         """Let ``plug`` pass only what a device set up like this understands."""
-        if self.bitrate_bit_s not in (None, bus_bitrate_bit_s):
+        rates = ((self.bitrate_bit_s, bus.bitrate_bit_s), (self.data_bitrate_bit_s, bus.data_bitrate_bit_s))
+        if any(own not in (None, its) for own, its in rates):
             # It hears others' frames as errors and says so; others hear its frames as errors.
             plug.tamper(
                 to_host=lambda _piece: plug.wire.report_error(CAN_ERR_PROTOCOL),
@@ -119,22 +123,18 @@ def really(settings: DeviceSettings, truth: Mapping[str, Any], place: str) -> tu
     if not truth:
         return settings, AS_WRITTEN
     where = f"{place}: [simulated.{settings.role}] device"
-    options = {key: value for key, value in truth.items() if key not in (*PLACES, "plugged", "bitrate")}
+    options = {key: value for key, value in truth.items() if key not in (*PLACES, *RATES, "plugged")}
     driver = str(truth.get("driver", settings.driver))
     converted = _in_units(options, driver, settings.role, where)
     retained = settings.options if driver == settings.driver else {}
+    rates = {f"{key}_bit_s": round(_quantity(truth[key], "bit/s", f"{where} {key}")) for key in RATES if key in truth}
     hookup = Hookup(
         plugged=_boolean(truth.get("plugged", True), where),
-        bitrate_bit_s=round(_quantity(truth["bitrate"], "bit/s", f"{where} bitrate")) if "bitrate" in truth else None,
+        **rates,
         baud=converted["baud"] if isinstance(converted.get("baud"), int) else None,
     )
     bus, port = truth.get("bus", settings.bus), truth.get("port", settings.port)
     return replace(settings, driver=driver, bus=bus, port=port, options={**retained, **converted}), hookup
-
-
-def bitrate_of(wiring: Wiring, bus: str | None) -> int:
-    """What the rig file says of a bus."""
-    return next((each.bitrate_bit_s for each in wiring.buses if each.name == bus), 0)
 
 
 def _in_units(options: Mapping[str, Any], driver: str, role: str, where: str) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """The simulated world in wall time, on real interfaces: another process meets the devices as it would meet hardware.
 
 Installed as the entry point ``serve`` of the group ``norton_bench.simulators``; ``norton-bench sim serve RIG`` finds it
-there. CAN buses are served on the rig's own python-can interface (for "slcan" on a pseudo-terminal at the rig's
-``channel``), serial devices on pseudo-terminals at the rig's ports, or over TCP where these are ``socket://`` URLs.
+there. CAN buses are served on the rig's own python-can interface ("slcan" and "fdcanusb" at the rig's ``channel``, as a
+serial device), serial devices on pseudo-terminals at the rig's ports, or over TCP where these are ``socket://`` URLs.
 """
 
 import select
@@ -17,20 +17,18 @@ from typing import Any, Protocol
 
 import can
 
-from norton_drivers.codecs.slcan import FLAG_BUS_ERROR as BUS_ERROR_FLAG
-from norton_drivers.codecs.slcan import FLAG_BUS_OFF as BUS_OFF_FLAG
-from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, encode_flags
 from norton_drivers.errors import WiringError
 from norton_drivers.hardware import HardwareBackend
 from norton_drivers.ports import Backend, CanPort
 from norton_drivers.real_time import SERVER_PRIORITY, in_real_time
 from norton_drivers.wiring import CanBusSettings, Wiring
 from norton_sim.assembly import build_world, mount
-from norton_sim.connectors import CAN_ERR_BUS_OFF, CanConnector, HostEnd, SerialConnector, Trouble
+from norton_sim.connectors import CanConnector, HostEnd, SerialConnector, Trouble
 from norton_sim.faults.injection import inject, read_faults
 from norton_sim.faults.stage import Stage
 from norton_sim.firmware.context import Wires
-from norton_sim.served_ports import SCHEME, ServedPort, ServedSocket
+from norton_sim.served_adapters import ADAPTERS, ServedAdapter
+from norton_sim.served_ports import served_port
 from norton_sim.truth import FAULTS, read_truth
 from norton_sim.witness import Standstills, WitnessFile
 from norton_sim.world import World
@@ -101,9 +99,9 @@ class ServedBus:
     def report_error(self, error_class: int) -> None:
         self._port.bus.send(can.Message(arbitration_id=error_class, is_error_frame=True, data=bytes(8)))
 
-    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
+    def to_host(self, arbitration_id: int, data: bytes, extended: bool, fd: bool) -> None:
         if not self._cut_off:
-            self._port.send(arbitration_id, data, extended=extended)
+            self._port.send(arbitration_id, data, extended=extended, fd=fd)
 
     def receive(self) -> None:
         self._port.poll()
@@ -117,62 +115,12 @@ class ServedBus:
             plug.deliver(message)
 
 
-class ServedSlcan:
-    """A CAN bus behind an emulated slcan adapter; like many, it is always open, and answers but one command: ``F``."""
-
-    def __init__(self, settings: CanBusSettings, wall: _WallTime) -> None:
-        self._wall = wall
-        self._port = ServedPort(settings.channel.partition("@")[0])
-        self._stream = SlcanStream()
-        self._plugs: list[CanConnector] = []
-        self._off_bus = False
-        self._flags = 0
-
-    @property
-    def lost(self) -> bool:
-        return self._port.hung_up
-
-    def suffer(self, trouble: Trouble | None) -> None:
-        if trouble is Trouble.UNPLUGGED:
-            self._port.hang_up()
-        self._off_bus = trouble is Trouble.BUS_OFF
-
-    def report_error(self, error_class: int) -> None:
-        """The protocol has no error frames: the adapter says so in its status flags, when it is asked."""
-        self._flags |= BUS_OFF_FLAG if error_class & CAN_ERR_BUS_OFF else BUS_ERROR_FLAG
-
-    def attach(self, plug: CanConnector) -> None:
-        self._plugs.append(plug)
-
-    def to_host(self, arbitration_id: int, data: bytes, extended: bool) -> None:
-        if not self._off_bus:
-            self._port.write(SlcanFrame(arbitration_id, data, len(data), extended).encode())
-
-    def fileno(self) -> int:
-        return self._port.fileno()
-
-    def receive(self) -> None:
-        self._stream.feed(self._port.read())
-        self._wall.catch_up()  # the line says nothing of when its bytes came
-        if self._stream.flags_asked:
-            self._stream.flags_asked = 0
-            self._port.write(encode_flags(self._flags))
-            self._flags = 0
-        while self._stream.frames:
-            message = _message(self._stream.frames.popleft())
-            for plug in () if self._off_bus else self._plugs:
-                plug.deliver(message)
-
-    def close(self) -> None:
-        self._port.close()
-
-
 class ServedLine:
     """A serial line with one device, on a pseudo-terminal at a path, or over TCP."""
 
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
-        self._port = ServedSocket(path) if path.startswith(SCHEME) else ServedPort(path)
+        self._port = served_port(path)
         self._connector: SerialConnector | None = None
 
     @property
@@ -193,7 +141,7 @@ class ServedLine:
     def attach(self, plug: SerialConnector) -> None:
         self._connector = plug
 
-    def to_host(self, data: bytes) -> None:
+    def to_host(self, data: bytes, begun_ns: int | None = None) -> None:
         self._port.write(data)
 
     def fileno(self) -> int:
@@ -285,7 +233,7 @@ class _ServedWires:
         self._settings = {bus.name: bus for bus in wiring.buses}
         self._stack = stack
         self._backend = HardwareBackend()
-        self._buses: dict[str, ServedBus | ServedSlcan] = {}
+        self._buses: dict[str, ServedBus | ServedAdapter] = {}
         self._lines: dict[str, ServedLine] = {}
         self._waking: list[_Waking] = []
         self._looked_at: list[_Served] = []
@@ -296,9 +244,9 @@ class _ServedWires:
             self._stack.callback(self._buses[bus].close)
         return CanConnector(self._buses[bus])
 
-    def _open(self, settings: CanBusSettings) -> ServedBus | ServedSlcan:
-        if settings.interface == "slcan":
-            adapter = ServedSlcan(settings, self._wall)
+    def _open(self, settings: CanBusSettings) -> ServedBus | ServedAdapter:
+        if settings.interface in ADAPTERS:
+            adapter = ADAPTERS[settings.interface](settings, self._wall.catch_up)
             self._waking.append(adapter)
             return adapter
         bus = ServedBus(settings, self._backend, self._wall)
@@ -325,13 +273,3 @@ class _ServedWires:
         else:  # Windows selects from something, or not at all
             time.sleep(timeout_s)
         return [*ready, *self._looked_at]
-
-
-def _message(frame: SlcanFrame) -> can.Message:
-    return can.Message(
-        arbitration_id=frame.arbitration_id,
-        is_extended_id=frame.extended,
-        is_remote_frame=frame.remote,
-        dlc=frame.length,
-        data=None if frame.remote else frame.data,
-    )

@@ -192,3 +192,8 @@ class ServedSocket:
         if self._line is not None:
             self._line.close()
             self._line = None
+
+
+def served_port(path: str) -> ServedPort | ServedSocket:
+    """At a path a pseudo-terminal, at a ``socket://`` URL a TCP server. Raises ConnectionFailedError."""
+    return ServedSocket(path) if path.startswith(SCHEME) else ServedPort(path)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from norton_sim.connectors import CanConnector, SerialConnector
+    from norton_sim.half_duplex import HalfDuplexLine
     from norton_sim.plant import Plant
 
 # Called with the instant [ns] at which it happens; the plant stands at that instant.
@@ -25,7 +26,8 @@ class World:
     """Events in simulated time, and the plant between them.
 
     ``devices`` and ``wires`` hold, by role ("actuator", "load", "torque_sensor"), each device's firmware and the plug
-    that connects it. The same seed and the same calls give the same bytes.
+    that connects it; ``lines``, by port, those that several devices share. The same seed and the same calls give the
+    same bytes.
     """
 
     def __init__(self, plant: "Plant") -> None:
@@ -33,6 +35,7 @@ class World:
         self.plant = plant
         self.devices: dict[str, Firmware] = {}
         self.wires: dict[str, CanConnector | SerialConnector] = {}
+        self.lines: dict[str, HalfDuplexLine] = {}
         self._events: list[tuple[int, int, Action, int]] = []
         self._order = count()
 

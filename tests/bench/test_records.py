@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from norton_bench.records import NO_DEVICE_TIME, STREAMS, TABLES, TICK, Measured, Stream
-from norton_drivers.readings import TorqueReading
+from norton_bench.records import NO_DEVICE_TIME, STREAMS, TABLES, TICK, Measured, Stream, has_device_clock
+from norton_drivers.readings import CurrentReading, MotionReading, TorqueReading
 
 
 @pytest.mark.parametrize("stream", STREAMS, ids=lambda stream: stream.name)
@@ -29,3 +29,15 @@ def test_a_sensor_without_a_clock_is_recorded_as_such() -> None:
     assert list(table["device_ns"]) == [NO_DEVICE_TIME, 77]
     assert list(table["sequence"]) == [7, 8]
     assert list(table["valid"]) == [True, False]
+
+
+def test_a_drive_that_is_asked_tells_the_instants_of_its_questions() -> None:
+    kinds = {stream.name: stream.kind for stream in STREAMS}
+    rows = [MotionReading(0, 400, 1.5, 2.5), MotionReading(1, 500, 1.5, 2.5, 77)]
+    motion = np.array([tuple(kinds["motion"].row(each)) for each in rows], kinds["motion"].columns)
+    assert list(motion["device_ns"]) == [NO_DEVICE_TIME, 77]
+    assert not has_device_clock(motion)
+    assert has_device_clock(motion[1:])
+    current = np.array([tuple(kinds["current"].row(CurrentReading(3, 400, 1.5, 77)))], kinds["current"].columns)
+    assert current[0].tolist() == (400, 3, 1.5, 77)
+    assert not has_device_clock(np.zeros(3, kinds["motion"].columns)), "an older recording has no such column"

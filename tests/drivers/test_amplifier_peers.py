@@ -1,7 +1,8 @@
-"""VESC and MIT mode in wall time, over real sockets, against programs that share no code with this project.
+"""VESC, MIT mode and moteus in wall time, over real sockets, against programs that share no code with this project.
 
-The MIT peers pack and unpack their frames with packages that drive such motors. No package speaks as a VESC does, so
-that peer's bytes are made by hand from the firmware's source; its commands are checked against a package elsewhere.
+The peers of MIT mode and of moteus pack and unpack their frames with packages that drive such motors. No package speaks
+as a VESC does, so that peer's bytes are made by hand from the firmware's source; its commands are checked against a
+package elsewhere.
 """
 
 import os
@@ -31,7 +32,10 @@ VESC = ("vesc", {"node": NODE, "pole_pairs": 7, "watchdog": 0.5}, "peer_vesc.py"
 MIT = {"node": NODE, "master": 3, **RANGES}
 CHEETAH = ("mit", MIT, "peer_mit.py", ["3", "mini-cheetah"])
 CUBEMARS = ("mit", MIT, "peer_mit.py", ["3", "TMotorCANControl"])
-PEERS = [VESC, CHEETAH, CUBEMARS]
+MOTEUS = ("moteus", {"node": NODE, "watchdog": 0.5}, "peer_moteus.py", [])
+PEERS = [VESC, CHEETAH, CUBEMARS, MOTEUS]
+NAMES = ["vesc", "cheetah", "cubemars", "moteus"]
+WHO = {"vesc": ("5.03", "410"), "mit": ("", ""), "moteus": ("1.3.4", "model 0x0604")}
 
 
 @contextmanager
@@ -65,10 +69,13 @@ def drive(amplifier: Amplifier, link: Link, command: float, duration_s: float) -
     return velocities
 
 
-@pytest.mark.parametrize(("driver", "options", "script", "arguments"), PEERS, ids=["vesc", "cheetah", "cubemars"])
+@pytest.mark.parametrize(
+    ("driver", "options", "script", "arguments"), PEERS, ids=["vesc", "cheetah", "cubemars", "moteus"]
+)
 def test_a_stranger_is_identified_enabled_driven_stopped_and_lost(driver, options, script, arguments):
     port = 32_000 + os.getpid() % 2_000 + 2_000 * PEERS.index((driver, options, script, arguments))
-    link = Link(HardwareBackend(), (CanBusSettings("can0", "udp_multicast", group(), options={"port": port}),))
+    bus = CanBusSettings("can0", "udp_multicast", group(), options={"port": port}, fd=driver == "moteus")
+    link = Link(HardwareBackend(), (bus,))
     amplifier = open_amplifier(DeviceSettings("actuator", driver, bus="can0", options=options), link)
     try:
         with pytest.raises(DeviceTimeoutError, match="does not answer"):
@@ -77,7 +84,7 @@ def test_a_stranger_is_identified_enabled_driven_stopped_and_lost(driver, option
             assert eventually(link, lambda: amplifier.status().state is DriveState.IDLE)
             identity = amplifier.identify()
             assert identity.driver == driver
-            assert (identity.firmware, identity.hardware) == (("5.03", "410") if driver == "vesc" else ("", ""))
+            assert (identity.firmware, identity.hardware) == WHO[driver]
             amplifier.enable()
             assert amplifier.status().state is DriveState.ENABLED
             velocities = drive(amplifier, link, 1.0, 0.5)

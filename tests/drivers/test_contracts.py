@@ -65,11 +65,35 @@ class TestODriveAsLoad(AmplifierContract):
         return simulated("sim-odrive.toml", "load", direction)
 
 
+class TestODriveUart(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "actuator", direction)
+
+
+class TestODriveUart05(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-odrive-uart.toml", "load", direction)
+
+
 class TestVesc(AmplifierContract):
     lets_go_at_zero = True
 
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-vesc.toml", "actuator", direction)
+
+
+class TestVescUart(AmplifierContract):
+    lets_go_at_zero = True
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-vesc-uart.toml", "actuator", direction)
+
+
+class TestSimpleFoc(AmplifierContract):
+    command_resolution = 1e-5  # the last of the decimals on its line
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-simplefoc.toml", "actuator", direction)
 
 
 class TestMit(AmplifierContract):
@@ -98,6 +122,32 @@ class TestCubeMars(AmplifierContract):
 
     def set_up(self, direction: int) -> SetUp:
         return simulated("sim-cubemars.toml", "actuator", direction)
+
+
+class TestMoteus(AmplifierContract):
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-moteus.toml", "actuator", direction)
+
+
+class TestDynamixel(AmplifierContract):
+    command_resolution = 1.4e-3  # half a unit of its current
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-dynamixel.toml", "actuator", direction)
+
+
+class TestFeetech(AmplifierContract):
+    command_resolution = 1e-3  # a unit of its PWM
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-feetech.toml", "actuator", direction)
+
+
+class TestFeetechAsLoad(AmplifierContract):
+    command_resolution = 2e-3
+
+    def set_up(self, direction: int) -> SetUp:
+        return simulated("sim-feetech.toml", "load", direction)
 
 
 class TestBota(TorqueSensorContract):

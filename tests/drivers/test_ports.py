@@ -73,6 +73,45 @@ def test_the_tap_sees_both_ways(world, link, can_port, serial_port):
     ]
 
 
+def test_can_fd_frames_are_sent_and_received_where_the_bus_carries_them(world, link):
+    heard, seen = [], []
+    port = CanPort("can0", world.bus, world.clock, lambda _: 5, fd=True, switches_bitrate=True)
+    port.subscribe(lambda message, _: heard.append(message.is_fd))
+    port.tap = seen.append
+    port.send(0x8001, bytes(32), extended=True, fd=True)
+    port.send(0x21, b"\1")
+    world.bus.arrive(0x100, bytes(12), fd=True)
+    world.bus.arrive(0x101, bytes(8))
+    assert port.poll() == 2
+    assert [(each.is_fd, each.bitrate_switch, each.dlc) for each in world.bus.sent] == [
+        (True, True, 32),
+        (False, False, 1),
+    ]
+    assert heard == [True, False]
+    assert [(frame.sent, frame.fd, frame.switched) for frame in seen] == [
+        (True, True, True),
+        (True, False, False),
+        (False, True, False),
+        (False, False, False),
+    ]
+
+
+def test_without_a_second_bit_rate_nothing_is_switched(world):
+    port = CanPort("can0", world.bus, world.clock, lambda _: 5, fd=True)
+    port.send(0x8001, bytes(32), extended=True, fd=True)
+    assert (world.bus.sent[0].is_fd, world.bus.sent[0].bitrate_switch) == (True, False)
+
+
+def test_can_fd_frames_on_a_bus_that_is_not_said_to_carry_them_are_counted(world, can_port):
+    heard = []
+    can_port.subscribe(lambda message, _: heard.append(message))
+    world.bus.arrive(0x100, bytes(12), fd=True)
+    can_port.poll()
+    assert heard == []
+    ((words, count),) = can_port.troubles().items()
+    assert (count, "add fd = true" in words) == (1, True)
+
+
 def test_error_frames_are_counted_and_not_handed_on(world, can_port):
     got = []
     can_port.subscribe(lambda message, arrival_ns: got.append(message))

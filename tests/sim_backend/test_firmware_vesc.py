@@ -224,7 +224,7 @@ def test_a_fault_stops_it_for_half_a_second_and_then_it_obeys_again(host: Host, 
 
 
 def test_hot_transistors_are_a_fault_as_long_as_they_are_hot(host: Host) -> None:
-    host.firmware.heating.temperature_c = 120.0
+    host.firmware.motor.amplifier.heating.temperature_c = 120.0
     host.hold(1000, 2000)
     assert host.fault() == 5
     assert abs(host.current_a) < 1e-6

@@ -176,7 +176,8 @@ def check_bus(
     """``devices`` are those of the rig on this bus, ``troubles`` what was counted on it."""
     claims = claims_on(survey, recognition, devices)
     known = {key for key, claimed in claims.items() if claimed}
-    load = survey.bits / took_s / settings.bitrate_bit_s
+    second_bit_s = settings.data_bitrate_bit_s or settings.bitrate_bit_s
+    load = (survey.bits / settings.bitrate_bit_s + survey.data_bits / second_bit_s) / took_s
     return BusCheck(
         settings.name,
         settings.interface,
@@ -191,13 +192,13 @@ def check_bus(
     )
 
 
-def remarks_on(bus: BusCheck, bitrate_bit_s: int) -> Iterator[str]:
+def remarks_on(bus: BusCheck, rates: str) -> Iterator[str]:
     """What is worth knowing of it."""
     for what, count in bus.troubles.items():
         yield f"bus {bus.name}: {what}, {count} times while it was watched"
     if BUSY < bus.load <= FULL:
         yield (
-            f"bus {bus.name}: {bus.load:.0%} of its {bitrate_bit_s} bit/s are taken; let devices send less often, or "
+            f"bus {bus.name}: {bus.load:.0%} of its {rates} are taken; let devices send less often, or "
             "put them on two buses"
         )
 
@@ -237,7 +238,7 @@ class _Bus:
 def _overfull(settings: CanBusSettings, load: float) -> Iterator[Problem]:
     if load > FULL:
         yield ExperimentError(
-            f"bus {settings.name}: its devices send {load:.0%} of what {settings.bitrate_bit_s} bit/s can carry; raise "
+            f"bus {settings.name}: its devices send {load:.0%} of what {settings.rates} can carry; raise "
             "bitrate in every device and in the rig file, let devices send less often, or put them on two buses"
         )
 

@@ -8,12 +8,12 @@ from statistics import median
 import numpy as np
 
 from norton_bench.check.buses import check_bus, contradictory, remarks_on
+from norton_bench.check.lines import check_lines, explain_by_search, explain_silent_line
 from norton_bench.check.moving import announcement, check_moving
 from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck, Survey
 from norton_bench.check.watch import (
     Watched,
     ask_everybody,
-    explain_noise,
     explain_silence,
     open_watched,
     status_problems,
@@ -25,7 +25,7 @@ from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, 
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
-from norton_drivers.discovery import serial_obstacles
+from norton_drivers.discovery import held_back_words, serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
 from norton_drivers.ports import Backend, Clock
@@ -78,19 +78,24 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     begun_ns = link.clock.now_ns()
     try:
         watched = [open_watched(settings, link, survey) for settings in rig.wiring.devices()]
-        lost = watch(watched, link, watch_s)
+        lost = watch(watched, link, watch_s, rig.tick_ns)
         ask_everybody(watched, link, survey, known)
         took_s = (link.clock.now_ns() - begun_ns) * 1e-9
         troubles = link.troubles()
+        held_back = {name: words for name in link.serial_ports if (words := held_back_words(name))}
     finally:
         link.close()
     host = None if backend.lock_step else look_at_host(rig, backend.clock)
     seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
     buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
-    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
+    lines = check_lines(rig, survey.lines, held_back, exact=backend.lock_step)
+    remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.rates)]
+    remarks += [remark for line in lines for remark in line.remarks]
+    remarks += [f"port {name}: {words}" for name, words in held_back.items()]
     return RigCheck(
         devices=tuple(seen.device(each, buses) for each in watched),
         buses=tuple(buses.values()),
+        lines=lines,
         host=host,
         whole=() if lost is None else (lost,),
         remarks=(*remarks, *(host_remarks(host, rig) if host is not None else ())),
@@ -134,10 +139,13 @@ class _Seen:
         if not isinstance(problem, DeviceTimeoutError):
             return problem
         if settings.bus is not None and settings.bus in buses:
-            bitrate_bit_s = next(bus.bitrate_bit_s for bus in self.rig.wiring.buses if bus.name == settings.bus)
-            return explain_silence(settings, problem, buses[settings.bus], bitrate_bit_s)
+            rates = next(bus.rates for bus in self.rig.wiring.buses if bus.name == settings.bus)
+            return explain_silence(settings, problem, buses[settings.bus], rates)
         if settings.port is not None:
-            return explain_noise(settings, problem, self.survey.bytes_heard[settings.port], self.backend)
+            others = [each for each in self.rig.wiring.devices() if each.port == settings.port and each is not settings]
+            heard = self.survey.lines[settings.port].bytes_heard
+            found = explain_by_search(settings, problem, others, self.backend)
+            return found or explain_silent_line(settings, problem, heard, self.backend, self.recognition)
         return problem
 
     def _answer_s(self, each: Watched) -> float | None:

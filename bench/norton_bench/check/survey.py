@@ -67,11 +67,28 @@ class BusCheck:
     channel: str
     frames: int
     rate_hz: float
-    load: float  # share of the bitrate, estimated from the frames' lengths
+    load: float  # share of the time, estimated from the frames' lengths and the bit rates
     senders: tuple[Sender, ...] = ()
     strangers: tuple[str, ...] = ()  # identifiers that no driver knows
     troubles: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True)
+class LineCheck:
+    """The serial line of one drive: how busy the rig's loop makes it, and how often it lets the drive be read.
+
+    ``answer_s`` is the median time from a question to the first bytes after it; None where none was seen.
+    """
+
+    role: str
+    port: str
+    baud: int  # 0 for a USB port of the drive's own
+    share_there: float  # of what it carries, at the rig's rate
+    share_back: float
+    greatest_rate_hz: float  # of a loop with a reading in every tick, as far as the line goes
+    answer_s: float | None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,6 +107,7 @@ class RigCheck:
 
     devices: tuple[DeviceCheck, ...]
     buses: tuple[BusCheck, ...] = ()
+    lines: tuple[LineCheck, ...] = ()
     host: HostCheck | None = None
     moved: tuple[str, ...] = ()  # what was found when the shaft was moved
     whole: tuple[Problem, ...] = ()  # of no single device or bus
@@ -112,6 +130,7 @@ _KINDS = 16  # of one identifier
 _ANSWER_NS = 100_000_000
 _QUESTIONS = 500
 _LOGGED = 30_000
+STUFFED = 1.05  # with stuff bits, a typical share
 _SERIAL = -1  # the identifier of what is no CAN frame
 
 
@@ -156,6 +175,8 @@ def message_of(frame: RawFrame) -> can.Message:
         is_remote_frame=frame.remote,
         data=None if frame.remote else frame.data,
         dlc=len(frame.data),
+        is_fd=frame.fd,
+        bitrate_switch=frame.switched,
     )
 
 
@@ -168,11 +189,14 @@ class BusSurvey:
 
     heard: dict[Key, HeardId] = field(default_factory=dict)
     bits: int = 0
+    data_bits: int = 0  # those at the second bit rate of a CAN FD bus
     frames: int = 0  # heard, not sent
     log: deque[RawFrame] = field(default_factory=lambda: deque(maxlen=_LOGGED))
 
     def note(self, frame: RawFrame) -> None:
-        self.bits += bits_of(frame)
+        bits, data_bits = bits_of(frame)
+        self.bits += bits
+        self.data_bits += data_bits
         self.log.append(frame)
         if not frame.sent:
             self.frames += 1
@@ -206,25 +230,49 @@ def _answers_to(question: RawFrame, after: Iterable[RawFrame], answers: Sequence
 
 
 @dataclass
+class LineSurvey:
+    """One serial line: how many bytes came, and how long each question waited for the first of them [s]."""
+
+    bytes_heard: int = 0
+    delays_s: deque[float] = field(default_factory=lambda: deque(maxlen=_QUESTIONS))
+    _asked_ns: int | None = None
+
+    def note(self, frame: RawFrame) -> None:
+        if frame.sent:
+            self._asked_ns = frame.stamp_ns
+            return
+        self.bytes_heard += len(frame.data)
+        if self._asked_ns is not None:
+            self.delays_s.append((frame.stamp_ns - self._asked_ns) * 1e-9)
+            self._asked_ns = None
+
+
+@dataclass
 class Survey:
     """All buses and ports; :meth:`note` is the link's tap."""
 
     buses: dict[str, BusSurvey] = field(default_factory=lambda: defaultdict(BusSurvey))
-    bytes_heard: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    lines: dict[str, LineSurvey] = field(default_factory=lambda: defaultdict(LineSurvey))
 
     def note(self, frame: RawFrame) -> None:
         if frame.arbitration_id == _SERIAL:
-            if not frame.sent:
-                self.bytes_heard[frame.channel] += len(frame.data)
+            self.lines[frame.channel].note(frame)
         elif not frame.arbitration_id & ERROR_FRAME:  # those are counted by the port
             self.buses[frame.channel].note(frame)
 
 
-def bits_of(frame: RawFrame) -> int:
-    """About how many bits a classic frame takes on the bus, with a typical share of stuff bits and the gap after it.
+def bits_of(frame: RawFrame) -> tuple[int, int]:
+    """About how many bits a frame takes on the bus, with a typical share of stuff bits and the gap after it: at the
+    bus's first bit rate, and at the second.
 
-    Source: ISO 11898-1: 47 bits about the data of a standard frame, 67 of an extended one, 3 of them the gap; of those
-    before the CRC's end, at most every fifth is stuffed, in practice about one in twenty.
+    Source: ISO 11898-1:2015, 10.4. Classical: 47 bits about the data of a standard frame, 67 of an extended one, 3 of
+    them the gap; of those before the CRC's end, at most every fifth is stuffed, in practice about one in twenty. CAN
+    FD: 17 or 36 bits until the rate is switched and 12 after it is switched back; between them, beside the data, 10
+    bits, a CRC of 17 or 21 and every fifth bit of it and its count stuffed.
     """
-    plain = (67 if frame.extended else 47) + 8 * (0 if frame.remote else len(frame.data))
-    return round(plain * 1.05)
+    data_bits = 8 * (0 if frame.remote else len(frame.data))
+    if not frame.fd:
+        return round(((67 if frame.extended else 47) + data_bits) * STUFFED), 0
+    first = round((36 if frame.extended else 17) * STUFFED) + 12
+    second = round((5 + data_bits) * STUFFED) + (28 if len(frame.data) <= 16 else 33)
+    return (first, second) if frame.switched else (first + second, 0)

@@ -69,8 +69,8 @@ def open_watched(settings: DeviceSettings, link: Link, survey: Survey) -> Watche
     return result
 
 
-def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | None:
-    """Listen for ``watch_s``; returns what ended it early: a bus or port that was lost."""
+def watch(watched: Sequence[Watched], link: Link, watch_s: float, tick_ns: int) -> Problem | None:
+    """Listen for ``watch_s``, as often as the loop will; returns what ended it early: a bus or port that was lost."""
     for each in watched:
         for take in each.takes.values():
             take()  # what came while the others were asked is no sign of a steady rate
@@ -78,7 +78,7 @@ def watch(watched: Sequence[Watched], link: Link, watch_s: float) -> Problem | N
     try:
         link.ask_adapters()
         while link.clock.now_ns() < end_ns:
-            link.wait(POLL_NS)
+            link.wait(tick_ns)
             for each in watched:
                 _take(each, link.clock.now_ns())
     except DeviceError as error:
@@ -152,7 +152,7 @@ _NAMED = 6  # of what nobody knows, no more are named than this
 
 # A device that does not answer: why, as far as what is heard can tell, and where it is instead.
 def explain_silence(
-    settings: DeviceSettings, error: DeviceTimeoutError, bus: BusCheck, bitrate_bit_s: int
+    settings: DeviceSettings, error: DeviceTimeoutError, bus: BusCheck, rates: str
 ) -> DeviceTimeoutError:
     """Why a device on a bus does not answer, as far as what is heard there can tell.
 
@@ -162,23 +162,23 @@ def explain_silence(
         return error
     place = f"[{settings.role}] {settings.driver} on bus {bus.name}"
     if bus.frames == 0:
-        return DeviceTimeoutError(f"{place}: {_nothing_heard(bus, bitrate_bit_s)}")
+        return DeviceTimeoutError(f"{place}: {_nothing_heard(bus, rates)}")
     strangers = [sender for sender in bus.senders if sender.role is None]
     own_kind = [sender for sender in strangers if sender.driver == settings.driver]
     if own_kind:
         return DeviceTimeoutError(f"{place}: {_elsewhere(settings, own_kind)}")
     if strangers:
         return DeviceTimeoutError(f"{place}: nobody is heard; {_other_kind(strangers)}")
-    return DeviceTimeoutError(f"{place}: does not answer; {_who_is_heard(bus, bitrate_bit_s)}")
+    return DeviceTimeoutError(f"{place}: does not answer; {_who_is_heard(bus, rates)}")
 
 
-def _nothing_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
+def _nothing_heard(bus: BusCheck, rates: str) -> str:
     if bus.troubles:
         return (
-            f"not one frame is heard, but errors are ({_troubles(bus)}): bitrate = {bitrate_bit_s} bit/s is probably "
+            f"not one frame is heard, but errors are ({_troubles(bus)}): bitrate = {rates} is probably "
             "not the devices', or wiring or termination is wrong"
         )
-    return f"not one frame is heard: check power, cable and termination, and that its bitrate is {bitrate_bit_s} bit/s"
+    return f"not one frame is heard: check power, cable and termination, and that its bitrate is {rates}"
 
 
 def _troubles(bus: BusCheck) -> str:
@@ -203,16 +203,13 @@ def _other_kind(result: Sequence[Sender]) -> str:
     return f"heard instead: {received}; is driver right, is the device powered?"
 
 
-def _who_is_heard(bus: BusCheck, bitrate_bit_s: int) -> str:
+def _who_is_heard(bus: BusCheck, rates: str) -> str:
     known = " and ".join(f"[{sender.role}]" for sender in bus.senders if sender.role is not None)
     if bus.strangers:
         names = ", ".join(bus.strangers[:_NAMED]) + (", ..." if len(bus.strangers) > _NAMED else "")
         return f"frames are heard that no driver knows ({names}): is it a device of this kind, with this address?"
     if bus.troubles:
-        return (
-            f"only {known} can be heard, and errors ({_troubles(bus)}): is it set to {bitrate_bit_s} bit/s, and its "
-            "cable sound?"
-        )
+        return f"only {known} can be heard, and errors ({_troubles(bus)}): is it set to {rates}, and its cable sound?"
     return f"only {known} can be heard: is it powered, and on this bus?"
 
 
@@ -263,7 +260,7 @@ def _is_absent(each: Watched) -> bool:
 
 OPTION = "baud"
 # The usual ones, the likeliest first.
-BAUDS = (115_200, 460_800, 9_600, 921_600, 57_600, 38_400, 19_200, 230_400, 1_000_000, 2_000_000)
+BAUDS = (115_200, 460_800, 9_600, 921_600, 57_600, 38_400, 19_200, 230_400, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
 _TRY_S = 0.3
 
 
@@ -276,7 +273,7 @@ def explain_noise(
     """
     if not bytes_heard:
         return error
-    place, used = f"[{settings.role}] {settings.driver} on {settings.port}", _baud_of(settings)
+    place, used = f"[{settings.role}] {settings.driver} on {settings.port}", baud_of(settings)
     if used is None:
         return DeviceTimeoutError(f"{place}: {bytes_heard} bytes came, but nothing that is its; is driver right?")
     result = next((baud for baud in BAUDS if baud != used and _speaks(settings, baud, backend)), None)
@@ -288,7 +285,7 @@ def explain_noise(
     return DeviceTimeoutError(f"{place}: it speaks at {result} baud, not at {used}: set {OPTION} = {result}")
 
 
-def _baud_of(settings: DeviceSettings) -> int | None:
+def baud_of(settings: DeviceSettings) -> int | None:
     """What the rig file says, else the driver's default; None for a driver that has no such option."""
     group = group_of(settings.role)
     model = declared_by(group, settings.driver).model

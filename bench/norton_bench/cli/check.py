@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, RigCheck, Sender
+    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, LineCheck, RigCheck, Sender
     from norton_bench.rig.rig import Rig
     from norton_drivers.discovery import FoundPort
 
@@ -25,6 +25,7 @@ def check_data(result: "RigCheck") -> dict[str, Any]:
     return {
         "devices": [_device_data(each) for each in result.devices],
         "buses": [_bus_data(each) for each in result.buses],
+        "lines": [_line_data(each) for each in result.lines],
         "host": None if result.host is None else _host_data(result.host),
         "moved": list(result.moved),
         "problems": [str(problem) for problem in result.problems()],
@@ -41,6 +42,7 @@ def check_view(result: "RigCheck") -> Iterator["RenderableType"]:
         yield _bus_line(bus)
         # A kind of device for several drivers is one line.
         yield from dict.fromkeys(f"  {_sender_line(sender)}" for sender in bus.senders)
+    yield from map(_line_line, result.lines)
     if result.host is not None:
         yield _host_line(result.host)
     yield from result.moved
@@ -79,6 +81,15 @@ def _sender_line(each: "Sender") -> str:
     who = f"[{each.role}]" if each.role is not None else "not of this rig"
     address = f" at {in_words(each.options)}" if each.options else ""
     return f"{each.device}{address}, {who}: {', '.join(each.says)}"
+
+
+def _line_line(each: "LineCheck") -> str:
+    carries = "USB" if each.baud == 0 else f"{each.baud} baud"
+    answers = "" if each.answer_s is None else f", answers in {each.answer_s * 1e3:.2f} ms"
+    return (
+        f"port {each.port}: {carries}, {each.share_there:.0%} there and {each.share_back:.0%} back at the rig's rate, "
+        f"carries {each.greatest_rate_hz:.0f} readings/s{answers}"
+    )
 
 
 def _host_line(each: "HostCheck") -> str:
@@ -139,6 +150,18 @@ def _bus_data(each: "BusCheck") -> dict[str, Any]:
         "unknown": list(each.strangers),
         "troubles": dict(each.troubles),
         "problems": [str(problem) for problem in each.problems],
+    }
+
+
+def _line_data(each: "LineCheck") -> dict[str, Any]:
+    return {
+        "role": each.role,
+        "port": each.port,
+        "baud": each.baud or None,
+        "share_there": each.share_there,
+        "share_back": each.share_back,
+        "greatest_rate_hz": each.greatest_rate_hz,
+        "answer_s": each.answer_s,
     }
 
 

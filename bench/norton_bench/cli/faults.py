@@ -19,7 +19,21 @@ if TYPE_CHECKING:
     from norton_bench.faults.case import Case, CaseResult
 
 # One for each family of drives: the rigs that are tried where none is named.
-FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit", "sim-damiao", "sim-robstride", "sim-cubemars")
+FAMILIES = (
+    "sim-odrive",
+    "sim-cia402",
+    "sim-vesc",
+    "sim-mit",
+    "sim-damiao",
+    "sim-robstride",
+    "sim-cubemars",
+    "sim-moteus",
+    "sim-odrive-uart",
+    "sim-vesc-uart",
+    "sim-simplefoc",
+    "sim-dynamixel",
+    "sim-feetech",
+)
 
 Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]
 Only = Annotated[str | None, Parameter(help="Only faults with this text in their name, kind or place.")]

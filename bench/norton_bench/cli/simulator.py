@@ -26,7 +26,7 @@ def serve(rig_file: RigFile, /, *, seed: Seed = None, witness: Witness = None, q
             rig.simulated,
             seed=seed,
             place=str(rig_file),
-            on_ready=lambda: output.say(f"serving {rig.name} on {', '.join(places)}; Ctrl-C ends it"),
+            on_ready=lambda: output.say(f"serving {rig.name} on {', '.join(dict.fromkeys(places))}; Ctrl-C ends it"),
             stop=lambda: stop_word.heard() is not None,
             witness=witness,
         )

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
 from norton_bench.identification.joint_fit import solve_again
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.readings import nominal_period_s, resolution_rad, sampled_at_s
+from norton_bench.identification.readings import nominal_period_s, resolution_rad
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
@@ -209,7 +209,7 @@ class Simulation:
             ReadingErrors.of(position, stretches[0].count_rad),
             ReadingErrors.of(torque, resolution_rad(torque.value)),
             late_s,
-            _one_way_s(_travel_s(measured.motion["arrival_ns"]), late_s),
+            _one_way_s(_travel_s(measured.motion), late_s),
         )
         return bench._with_spring_heard()._without_signal_in_noise()
 
@@ -283,13 +283,15 @@ class Simulation:
         return np.asarray(truth.torque(self.solution, travel_s, coupling)(time_s))
 
 
-def _travel_s(arrival_ns: IntArray) -> FloatArray:
+def _travel_s(table: Table) -> FloatArray:
     """How much longer than on average readings travelled [s], of those that came before the next was due.
 
     Later ones were held up together by a host or an adapter that stood still: no command travels like that by chance.
     """
-    late_s = (arrival_ns - arrival_ns[0]) * 1e-9 - sampled_at_s(arrival_ns, None, int(arrival_ns[0]))
-    return np.asarray(late_s[late_s < nominal_period_s(arrival_ns)])
+    origin_ns = int(table["arrival_ns"][0])
+    time_s, rows = instants(table, origin_ns)
+    late_s = (table["arrival_ns"][rows] - origin_ns) * 1e-9 - time_s
+    return np.asarray(late_s[late_s < nominal_period_s(table["arrival_ns"])])
 
 
 def _one_way_s(travel_s: FloatArray, late_s: FloatArray) -> FloatArray:

@@ -16,14 +16,13 @@ from norton_bench.identification import standstill
 from norton_bench.identification.readings import SMALLEST_STEP_RAD, nominal_period_s, one_a_period, sampled_at_s
 from norton_bench.identification.redundancy import (
     contradictions,
-    has_device_clock,
     in_order,
     jumps,
     longest,
     useless_device_clock,
 )
 from norton_bench.identification.standstill import spikes
-from norton_bench.records import NO_DEVICE_TIME, Measured, Table
+from norton_bench.records import NO_DEVICE_TIME, Measured, Table, has_device_clock
 
 FLAT_LEAST = 0.001
 # A step of the position that changes the speed by so many times what is usual, and by so many counts, is no motion.
@@ -257,7 +256,8 @@ def _leaps(table: Table, values: FloatArray) -> npt.NDArray[np.int64]:
     # What leaps shows even where missing readings are not looked for; they take longer to find.
     if len(values) < FEWEST or not period_s > 0 or not _sharp(np.diff(values)).any():
         return np.empty(0, dtype=np.int64)
-    steps_s = np.diff(sampled_at_s(table["arrival_ns"], None, int(table["arrival_ns"][0])))
+    own = table["device_ns"] if has_device_clock(table) else None
+    steps_s = np.diff(sampled_at_s(table["arrival_ns"], own, int(table["arrival_ns"][0])))
     near = (steps_s > 0.5 * period_s) & (steps_s < 1.5 * period_s)
     steps = np.where(near, np.diff(values) / np.where(near, steps_s / period_s, 1.0), np.nan)
     sharp = _sharp(steps)

@@ -18,6 +18,7 @@ from norton_bench.identification.model_error import (
     model_error,
     validation_stretches,
     widened,
+    with_prediction,
 )
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
@@ -98,7 +99,7 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     findings = _findings(cleaned, unseen)
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
     plain = looked_at(fitted, stretches, unseen, measured)
-    best = composed(plain, measured, command_unit=command_unit, findings=findings)
+    best = _predicting(composed(plain, measured, command_unit=command_unit, findings=findings), measured)
     result = with_terms_named(judged(best.fitted, best.error), plain.fitted)
     return replace(best, result=replace(result, verdict=(*result.verdict, *filter(None, [best.rejected]))))
 
@@ -108,8 +109,16 @@ def looked_at(
 ) -> JudgedFit:
     """A fit with the model's error, not yet judged by it."""
     at = expanded(fitted, stretches, unseen)
-    error = None if at is None else model_error(fitted, at, stretches, unseen, measured)
+    error = None if at is None else model_error(fitted, at, unseen, measured)
     return JudgedFit(fitted, fitted, stretches, unseen, at, error)
+
+
+def _predicting(best: JudgedFit, measured: Measured) -> JudgedFit:
+    """With how far its predictions are off."""
+    if best.error is None or best.at is None:
+        return best
+    stretches = (*best.stretches, *best.unseen)
+    return replace(best, error=with_prediction(best.error, best.fitted, best.at, stretches, measured))
 
 
 def composed(

@@ -120,6 +120,7 @@ class ModelError:
 
     It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
     ``spread`` (7,) is how far each of fit.PHYSICAL moves, relative, when segments are left out one by one (jackknife).
+    ``prediction`` is empty until it is worked out (``with_prediction``).
     """
 
     rms_nm: float
@@ -149,14 +150,11 @@ def expanded(result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Sign
     return Expansion.of(result, fitted, unseen)
 
 
-def model_error(
-    result: FitResult, at: Expansion, fitted: Sequence[Signals], unseen: Sequence[Signals], measured: Measured
-) -> ModelError:
-    """Of a fit to ``fitted``, expanded ``at`` its own values."""
+def model_error(result: FitResult, at: Expansion, unseen: Sequence[Signals], measured: Measured) -> ModelError:
+    """Of a fit expanded ``at`` its own values."""
     found, usual = _named(result, at, unseen)
     zero = _zero(at, measured)
     mean_squares, noise_nm2 = _mean_squares(at, zero)
-    velocity_rad_s = _velocity(result, at.zero.moved(-zero.standing_nm), (*fitted, *unseen), measured)
     beyond = max(float(np.mean(mean_squares)) - noise_nm2, 0.0)
     left = found[-1].left_nm ** 2 if found else _without_cogging(at)
     return ModelError(
@@ -167,8 +165,20 @@ def model_error(
         departures=found,
         spread=_spread(at),
         zero=zero,
-        prediction=_prediction(at, mean_squares, noise_nm2, velocity_rad_s),
     )
+
+
+def with_prediction(
+    error: ModelError,
+    result: FitResult,
+    at: Expansion,
+    stretches: Sequence[Signals],
+    measured: Measured,
+) -> ModelError:
+    """The same ``error`` of the fit ``result``, with how far its predictions are off; ``stretches`` are those that it
+    was fitted to and those kept for validation. To simulate the free motion takes a second."""
+    velocity_rad_s = _velocity(result, at.zero.moved(-error.zero.standing_nm), stretches, measured)
+    return replace(error, prediction=_prediction(at, *_mean_squares(at, error.zero), velocity_rad_s))
 
 
 @dataclass(frozen=True)

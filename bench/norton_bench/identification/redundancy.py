@@ -12,7 +12,7 @@ import numpy.typing as npt
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
-from norton_bench.records import NO_DEVICE_TIME, Measured, Table
+from norton_bench.records import Measured, Table, has_device_clock
 
 BIN_S = 0.05
 FEWEST_BINS = 20
@@ -242,11 +242,6 @@ def jumps(table: Table, stamp: str, others_end_ns: int) -> IntArray:
         least_ns = max(PARTED_NS, float(np.median(steps)) if steps.size else 0.0)
         result = np.append(result, _partings((stamps - table["device_ns"]).astype(np.float64), least_ns))
     return np.unique(result)
-
-
-def has_device_clock(table: Table) -> bool:
-    """Whether every row bears the device's own time."""
-    return "device_ns" in (table.dtype.names or ()) and bool(np.all(table["device_ns"] != NO_DEVICE_TIME))
 
 
 def useless_device_clock(table: Table, stamp: str) -> bool:

@@ -258,6 +258,15 @@ class Regression:
         """By what the variances of Rows.noise() come into the torque at these linear unknowns, shape (3,)."""
         return np.array([1.0, linear[INERTIA] ** 2, linear[VISCOUS] ** 2])
 
+    def noise_left(self, linear: FloatArray) -> float:
+        """The mean square that readings' own errors leave of the target at these linear unknowns."""
+        torque, acceleration, viscous = 1.0, linear[INERTIA] ** 2, linear[VISCOUS] ** 2
+        if self.free_motion:
+            torque, acceleration = acceleration, torque
+        counts = [rows.usable.size for rows in self.rows]
+        each = [rows.noise() @ [torque, acceleration, viscous] for rows in self.rows]
+        return float(np.average(each, weights=counts))
+
     def slope_contamination(self, linear: FloatArray) -> float:
         """The same of the change with d_m: noise in it makes d_m look better known than it is."""
         inertia, viscous = linear[INERTIA], linear[VISCOUS]

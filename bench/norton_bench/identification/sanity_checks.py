@@ -195,8 +195,9 @@ def _wrong_signs(solution: Solution, values: FloatArray, deviations: FloatArray)
 
 
 def _unexplained(solution: Solution) -> Iterator[FailedCheck]:
-    target = solution.regression.target()
-    left = float(np.sqrt(np.mean(solution.residual**2)) / max(np.std(target), 1e-300))
+    # What the readings' own errors leave is not to be explained: coarse counts may leave more than all motion.
+    beyond = float(np.mean(solution.residual**2)) - solution.regression.noise_left(solution.linear)
+    left = float(np.sqrt(max(beyond, 0.0)) / max(np.std(solution.regression.target()), 1e-300))
     if left > UNEXPLAINED:
         what = "motion" if solution.free_motion else "torque"
         yield FailedCheck(

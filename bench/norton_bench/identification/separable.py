@@ -11,6 +11,7 @@ from itertools import islice
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.bands import told, worthwhile_band
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.shape import COULOMB, INERTIA, MOTION_DELAY, Shape
@@ -36,13 +37,11 @@ ROUGH_STEP = np.array([0.03, 0.03, 2e-5, 2e-5])
 # From each start; a local minimum may look the better one after a few.
 LOW_STEPS = 15
 MOST_STEPS = 40
-# The full band is narrowed only where it is worth the time.
-NARROWED_BELOW = 0.7
-NARROWEST_CUTOFF = 0.02
 MOST_COGGINGS = 4
 # A step of a twentieth, and of a fifth, of a deviation.
 NOTHING_GAINED = 2e-3
 LITTLE_GAINED = 4e-2
+LEAST_LEFT = 0.05  # of the residual's power: no fewer errors than this are its own
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 # Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
 SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
@@ -92,7 +91,8 @@ def solve(
     solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
     if roughly:
         return solution
-    band = worthwhile_band(full, solution)
+    inertia = None if solution.free_motion else abs(float(solution.linear[INERTIA]))
+    band = worthwhile_band(full, inertia)
     if band != widest:
         full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
         solution = _iterate(full, solution.shape, within=ROUGH_STEP)
@@ -168,40 +168,6 @@ def span_of(regression: Regression, parameter: TermParameter) -> tuple[float, fl
 def _of_terms_too(steps: FloatArray, regression: Regression) -> FloatArray:
     """Of a length such as CONVERGED_STEP, with the terms' parameters: as long as log β's, on their own scales."""
     return np.concatenate([steps, steps[0] * regression.scales])
-
-
-def told(stretches: Sequence[Signals], band: Kernel) -> Kernel:
-    """The part of a band that sensors slower than the loop can tell."""
-    periods_s = [(stretch.position_period_s, stretch.torque_period_s) for stretch in stretches]
-    tick_s = stretches[0].tick_s
-    return _narrowed(band, FULL_BAND.cutoff * min(1.0, tick_s / max(np.max(periods_s), tick_s)))
-
-
-def _narrowed(band: Kernel, cutoff: float) -> Kernel:
-    """To ``cutoff``, where that is worth the time; the narrower, the longer."""
-    cutoff = max(cutoff, NARROWEST_CUTOFF)
-    return band if cutoff > NARROWED_BELOW * band.cutoff else Kernel(cutoff, band.half_width * band.cutoff / cutoff)
-
-
-def worthwhile_band(regression: Regression, solution: Solution) -> Kernel:
-    """The band in which the residual's noise is nearly white, so that least squares wastes no information.
-
-    Above it the encoder's errors, which inertia makes grow with the square of the frequency, drown the torque sensor's:
-    weighting by the innovation's spectrum would leave out the same. Never wider than FULL_BAND, nor than what a sensor
-    slower than the loop can tell.
-    """
-    tick_s = regression.rows[0].signals.tick_s
-    widest = told([rows.signals for rows in regression.rows], FULL_BAND)
-    torque, position = 0.0, 0.0
-    for rows in regression.rows:
-        count = rows.usable.size
-        torque += count * rows.signals.torque_noise
-        position += count * rows.signals.position_noise
-    inertia = abs(float(solution.linear[INERTIA]))
-    if not solution.free_motion and torque > 0 and position > 0 and inertia > 0:
-        corner_hz = (torque / position) ** 0.25 / (2 * np.pi * np.sqrt(inertia))
-        return _narrowed(widest, corner_hz * tick_s)
-    return widest
 
 
 def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -312,10 +278,25 @@ class _At:
             columns[place] = regression.slope_contamination(self.linear)
         return columns
 
-    def step(self) -> tuple[FloatArray, float]:
-        """Of Gauss-Newton, shape (unknowns,); zero for what is not free. And how far that is, in squared deviations."""
-        contamination, linear = self.contamination, len(self.linear)
-        every = np.concatenate([self.seen, self.slopes])
+    def step_within(self, low: FloatArray, high: FloatArray, longest: FloatArray) -> tuple[FloatArray, float]:
+        """As :meth:`step`; what would leave the box goes to its side, and the others go on without it."""
+        step, squared_deviations = self.step()
+        place = self.shape.as_array()
+        wanted = place + np.clip(step, -longest, longest)
+        leaves = (wanted > high) | (wanted < low)
+        if not leaves.any():
+            return step, squared_deviations
+        others, squared_deviations = self.step(frozenset(np.flatnonzero(leaves)))
+        return np.where(leaves, np.clip(wanted, low, high) - place, others), squared_deviations
+
+    def step(self, held: frozenset[int] = frozenset()) -> tuple[FloatArray, float]:
+        """Of Gauss-Newton, shape (unknowns,); zero for what is ``held`` or not free. And how far that is, in squared
+        deviations."""
+        linear = len(self.linear)
+        free = [(linear + k, place) for k, place in enumerate(self.regression.free) if place not in held]
+        moved = [*range(linear), *(row for row, _ in free)]
+        contamination = self.contamination[moved]
+        every = np.concatenate([self.seen, self.slopes])[moved]
         right = every @ self.innovation
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:linear] += contamination[:linear] * self.linear
@@ -323,8 +304,10 @@ class _At:
             right[:5] += self.shared @ self.linear[:5]
         whole = normal_solution(every, right, contamination, self.shared)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
-        step[list(self.regression.free)] = whole[len(self.seen) :]
-        variance = self.regression.alike * max(self.cost, 0.0) / self.innovation.size
+        step[[place for _, place in free]] = whole[linear:]
+        # Coarse counts are off by less than as many independent errors: what is taken off for them may leave nothing.
+        power = max(self.cost, LEAST_LEFT * float(self.innovation @ self.innovation))
+        variance = self.regression.alike * power / self.innovation.size
         return step, float(right @ whole) / max(variance, 1e-300)
 
 
@@ -387,7 +370,7 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
     low, high = _box(regression, at.shape)
     within, longest = (_of_terms_too(each, regression) for each in (within, LONGEST_STEP))
     for _ in range(most_steps):
-        step, squared_deviations = at.step()
+        step, squared_deviations = at.step_within(low, high, longest)
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
         if np.all(np.abs(step) < within) or abs(squared_deviations) < NOTHING_GAINED:
             return at, True
@@ -398,7 +381,7 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
         better = (trial for each in moved if (trial := _At.of(regression, at.shape.at(each))).cost < at.cost)
         result = next(better, None)
         if result is None:
-            # Gauss-Newton cannot improve: at the minimum to within rounding, or held by the box.
+            # Gauss-Newton cannot improve: at the minimum to within rounding.
             return at, little or bool(np.all(np.abs(step) < 100 * within))
         at = result
     return at, False

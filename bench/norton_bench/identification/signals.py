@@ -23,7 +23,7 @@ from norton_bench.identification.readings import (
     taken_late_s,
     unquantised,
 )
-from norton_bench.records import NO_DEVICE_TIME, Measured, Table
+from norton_bench.records import Measured, Table, has_device_clock
 from norton_bench.segments import Use
 from norton_drivers.servo import Servo
 
@@ -211,9 +211,8 @@ def sent_at_s(ticks: Table, origin_ns: int) -> FloatArray:
 
 def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     """When readings were taken [s], and which rows of the table they are: those that are later than the row before."""
-    own = table["device_ns"] if "device_ns" in (table.dtype.names or ()) else None
-    stamped = own is not None and bool(np.all(own != NO_DEVICE_TIME))
-    time_s = sampled_at_s(table["arrival_ns"], own if stamped else None, origin_ns)
+    own = table["device_ns"] if has_device_clock(table) else None
+    time_s = sampled_at_s(table["arrival_ns"], own, origin_ns)
     rows = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > 0)
     return time_s[rows], rows
 

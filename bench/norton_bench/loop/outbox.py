@@ -243,7 +243,7 @@ CODES = {"i8": "q", "i4": "i", "u4": "I", "f8": "d", "b1": "?"}
 # A frame's stamp, identifier, channel by its place, marks, count of bytes, bytes. Longer chunks take several records.
 FRAME = Struct("<qiBBB64s")
 FRAME_BYTES = 64
-SENT, EXTENDED, REMOTE = 1, 2, 4
+MARKS = SENT, EXTENDED, REMOTE, FD, SWITCHED = 1, 2, 4, 8, 16
 # An event's stamp, kind and text; what is longer is cut.
 EVENT = Struct("<q16s1000s")
 
@@ -297,8 +297,8 @@ class SharedOutbox:
     def put_waiting(self) -> None:
         """The frames so far."""
         put, places, pack = self._frame_ring.put, self._places, FRAME.pack
-        for stamp_ns, channel, sent, data, identifier, extended, remote in self._frames:
-            marks = SENT * sent | EXTENDED * extended | REMOTE * remote
+        for stamp_ns, channel, sent, data, identifier, extended, remote, fd, switched in self._frames:
+            marks = SENT * sent | EXTENDED * extended | REMOTE * remote | FD * fd | SWITCHED * switched
             place = places[channel]
             if len(data) <= FRAME_BYTES:
                 put(pack(stamp_ns, identifier, place, marks, len(data), data))
@@ -354,8 +354,8 @@ class SharedInbox:
     def _new_frames(self) -> Iterator[RawFrame]:
         channels = self.memory.channels
         for stamp_ns, identifier, place, marks, size, data in FRAME.iter_unpack(self._all(self._frames)):
-            sent, extended, remote = bool(marks & SENT), bool(marks & EXTENDED), bool(marks & REMOTE)
-            yield RawFrame(stamp_ns, channels[place], sent, data[:size], identifier, extended, remote)
+            sent, extended, remote, fd, switched = (bool(marks & mark) for mark in MARKS)
+            yield RawFrame(stamp_ns, channels[place], sent, data[:size], identifier, extended, remote, fd, switched)
 
     def _new_events(self) -> Iterator[Event]:
         for stamp_ns, kind, text in EVENT.iter_unpack(self._all(self._events)):

@@ -48,7 +48,7 @@ def tables_of(recording: Recording) -> dict[str, Columns]:
     }
     tables["frames"] = {
         name: np.array([getattr(frame, name) for frame in measured.frames])
-        for name in ("stamp_ns", "channel", "sent", "arbitration_id", "extended", "remote")
+        for name in ("stamp_ns", "channel", "sent", "arbitration_id", "extended", "remote", "fd", "switched")
     } | {"data_hex": np.array([frame.data.hex() for frame in measured.frames])}
     tables["estimates"] = _estimates(recording)
     return tables

@@ -26,6 +26,7 @@ from norton_bench.recording.schemas import (
     SEGMENTS,
     layout_in,
     message_class,
+    raw_names,
 )
 from norton_bench.records import TABLES, Chain, Event, Measured, SegmentInfo, Stream, Table
 from norton_bench.segments import Use
@@ -151,7 +152,8 @@ def _fixed_rows(found: Scan, topic: str) -> Iterator[tuple[Channel, Rows]]:
 
 def _raw_rows(found: Scan, topic: str) -> Iterator[tuple[Channel, Rows]]:
     for channel, size, data in _joined(found, topic):
-        yield channel, frames.raw_layout(frames.length_of(size)).decode(data)
+        names = raw_names(found.schemas[channel.schema_id].data)
+        yield channel, frames.raw_layout(frames.length_of(size, names), names).decode(data)
 
 
 def _joined(found: Scan, topic: str) -> Iterator[tuple[Channel, int, bytes]]:

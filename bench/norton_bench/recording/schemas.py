@@ -41,7 +41,15 @@ def raw_fields(length: int) -> tuple[Field, ...]:
         Field("extended", 4, "b1"),
         Field("remote", 5, "b1"),
         Field("data", 6, None, length),
+        Field("fd", 7, "b1"),
+        Field("switched", 8, "b1"),
     )
+
+
+def raw_names(schema: bytes) -> frozenset[str]:
+    """The fields of raw frames that a file's own schema describes: older files lack some of ours."""
+    files = FileDescriptorSet.FromString(schema).file
+    return frozenset(field.name for file in files for message in file.message_type for field in message.field)
 
 
 _TEXT = FieldDescriptorProto.TYPE_STRING

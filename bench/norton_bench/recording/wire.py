@@ -40,6 +40,8 @@ class Frames:
     arbitration_id: tuple[int, ...] = ()
     extended: tuple[bool, ...] = ()
     remote: tuple[bool, ...] = ()
+    fd: tuple[bool, ...] = ()
+    switched: tuple[bool, ...] = ()
 
     @staticmethod
     def of(frames: tuple[RawFrame, ...]) -> "Frames":

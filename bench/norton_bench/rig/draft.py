@@ -1,6 +1,7 @@
 """A rig file taken apart into its sections, each read for itself, so that one wrong section does not hide another."""
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
@@ -10,6 +11,7 @@ from norton_bench.errors import nearest
 from norton_bench.records import STREAMS
 from norton_bench.rig.driver_options import Commanded, amplifier_options, declared_by, read_options, wrong_unit
 from norton_bench.rig.files import Mistakes
+from norton_bench.rig.lines import overfull_lines, shares, wrong_kinds, wrong_lines
 from norton_bench.rig.schema import (
     ActuatorSection,
     BusSection,
@@ -23,7 +25,6 @@ from norton_bench.rig.schema import (
 )
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
-from norton_drivers.wiring import CanBusSettings
 
 FITTED = ("actuator", "load", "torque_sensor", "modulator")  # what an experiment may need
 SENSORS = tuple(dict.fromkeys(stream.role for stream in STREAMS if stream.role not in FITTED))
@@ -173,6 +174,10 @@ def _connections(draft: Draft) -> Found:
             yield f"{where} bus", f'"{device.bus}" is not defined (known: {known}); add a section [bus.{device.bus}]'
 
 
+def _kinds_of_line(draft: Draft) -> Found:
+    return wrong_kinds(draft.devices())
+
+
 def _unused_buses(draft: Draft) -> Found:
     written = (draft.written.get(role) for role in DEVICES)
     used = [table.get("bus") for table in written if isinstance(table, dict)]
@@ -185,7 +190,9 @@ def _shared_addresses(draft: Draft) -> Found:
     taken: dict[str, str] = {}
     for role, device in draft.devices().items():
         node = draft.options.get(role, {}).get("node")
-        if device.port is not None:
+        if device.port is not None and isinstance(node, int) and shares(role, device):
+            address = f'node {node} on the port "{device.port}"'
+        elif device.port is not None:
             address = f'the port "{device.port}"'
         elif device.bus is not None and isinstance(node, int):
             address = f"node {node} of bus {device.bus}"
@@ -199,24 +206,43 @@ def _shared_addresses(draft: Draft) -> Found:
         taken.setdefault(address, role)
 
 
+def _lines(draft: Draft) -> Found:
+    if draft.rig is not None:
+        yield from wrong_lines(draft.devices(), draft.options, draft.rig.rate_hz)
+        yield from overfull_lines(draft.devices(), draft.options, draft.rig.rate_hz)
+
+
 def _interfaces(draft: Draft) -> Found:
     if not draft.buses:
         return
-    # Slow to import; only a rig with a bus needs them.
-    from can.interfaces import VALID_INTERFACES  # noqa: PLC0415
-
-    from norton_drivers.adapters.table import mistakes  # noqa: PLC0415
+    # Slow to import; only a rig with a bus needs it.
+    from norton_drivers.adapters.table import INTERFACES, mistakes  # noqa: PLC0415
 
     for name, bus in draft.buses.items():
         if bus is None:
             continue
-        if bus.interface not in VALID_INTERFACES:
-            mend = nearest(bus.interface, VALID_INTERFACES)
+        if bus.interface not in INTERFACES:
+            mend = nearest(bus.interface, INTERFACES)
             yield f"[bus.{name}] interface", f'"{bus.interface}" is no interface of python-can; {mend}'
             continue
-        settings = CanBusSettings(name, bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
-        for key, text in mistakes(settings):
+        for key, text in mistakes(bus.settings(name)):
             yield f"[bus.{name}] {key}", text
+
+
+def _can_fd(draft: Draft) -> Found:
+    """A device that sends CAN FD frames on a bus that does not carry them."""
+    for role, device in draft.devices().items():
+        bus = draft.buses.get(device.bus or "")
+        if bus is None or bus.fd:
+            continue
+        with suppress(WiringError):  # told already
+            data_bitrate = declared_by(registry.group_of(role), device.driver).data_bitrate
+            if data_bitrate is not None:
+                yield (
+                    f"[bus.{device.bus}] fd",
+                    f'[{role}] driver = "{device.driver}" sends CAN FD frames; write fd = true and '
+                    f'data_bitrate = "{data_bitrate}"',
+                )
 
 
 def _timing(draft: Draft) -> Found:
@@ -348,9 +374,12 @@ def _range_nm(draft: Draft) -> float:
 CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _needed_devices,
     _connections,
+    _kinds_of_line,
     _unused_buses,
     _shared_addresses,
+    _lines,
     _interfaces,
+    _can_fd,
     _timing,
     _stall,
     _lost_answers,

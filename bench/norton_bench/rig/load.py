@@ -23,7 +23,7 @@ from norton_bench.rig.rig import Command, Limits, Rig, Supervision
 from norton_bench.rig.schema import ActuatorSection, CommandSection, DeviceSection, LimitsSection, RigSection
 from norton_bench.units import parse_quantity
 from norton_drivers import registry
-from norton_drivers.wiring import CanBusSettings, DeviceSettings, Wiring
+from norton_drivers.wiring import DeviceSettings, Wiring
 
 
 def load_rig(path: str | Path, *, backend: str | None = None) -> Rig:
@@ -81,11 +81,7 @@ def _wiring(draft: Draft, rig: RigSection, actuator: ActuatorSection) -> Wiring:
     return Wiring(
         name=rig.name,
         tick_ns=round(1e9 / rig.rate_hz),
-        buses=tuple(
-            CanBusSettings(name, bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
-            for name, bus in draft.buses.items()
-            if bus is not None
-        ),
+        buses=tuple(bus.settings(name) for name, bus in draft.buses.items() if bus is not None),
         actuator=_drive("actuator", actuator, draft.options["actuator"]),
         torque_sensor=_device("torque_sensor", draft.torque_sensor, draft.options["torque_sensor"])
         if draft.torque_sensor

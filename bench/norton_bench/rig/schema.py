@@ -7,6 +7,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from norton_bench.errors import nearest
 from norton_bench.units import check_unit, parse_quantity, quantity_in, same_dimension
+from norton_drivers.wiring import CanBusSettings
 
 UNLIMITED = "unlimited"
 # The guard's plausibility checks, which docs/safety.md explains.
@@ -57,6 +58,14 @@ def _positive_or_unknown(value: float) -> float:
     return value
 
 
+def _of_can_fd(data_bitrate_bit_s: float, info: ValidationInfo) -> float:
+    if not info.data.get("fd"):
+        raise ValueError("is of CAN FD alone; write fd = true, or leave it out")
+    if data_bitrate_bit_s < info.data.get("bitrate_bit_s", 0.0):
+        raise ValueError("is below bitrate; the data of CAN FD go at least as fast as the rest")
+    return data_bitrate_bit_s
+
+
 def _plausibility(name: str) -> str:
     if name not in PLAUSIBILITY:
         raise ValueError(f'"{name}" is no plausibility check; {nearest(name, PLAUSIBILITY)}')
@@ -73,12 +82,25 @@ class RigSection(SectionModel):
 
 
 class BusSection(SectionModel):
-    """``[bus.NAME]``: one CAN bus, in python-can's terms; ``options`` are handed to python-can as they stand."""
+    """``[bus.NAME]``: one CAN bus, in python-can's terms; ``options`` are handed to python-can as they stand.
+
+    ``fd``: it carries CAN FD frames, too, whose data go at ``data_bitrate``, or at no rate of their own.
+    """
 
     interface: str = Field(examples=["socketcan"])
     channel: str = Field(examples=["can0"])
     bitrate_bit_s: Annotated[float, quantity_in("bit/s")] = Field(1e6, alias="bitrate", gt=0, examples=["1 Mbit/s"])
+    fd: bool = Field(False, examples=[True])
+    data_bitrate_bit_s: Annotated[float, quantity_in("bit/s"), AfterValidator(_of_can_fd)] | None = Field(
+        None, alias="data_bitrate", gt=0, examples=["5 Mbit/s"]
+    )
     options: dict[str, Any] = Field(default_factory=dict)
+
+    def settings(self, name: str) -> CanBusSettings:
+        """For the drivers."""
+        data_bit_s = None if self.data_bitrate_bit_s is None else round(self.data_bitrate_bit_s)
+        bitrate_bit_s = round(self.bitrate_bit_s)
+        return CanBusSettings(name, self.interface, self.channel, bitrate_bit_s, self.options, self.fd, data_bit_s)
 
 
 class DeviceSection(SectionModel):

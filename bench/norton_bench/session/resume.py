@@ -12,7 +12,7 @@ from norton_bench.errors import UsageError
 from norton_bench.events import PlannedStep
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
-from norton_bench.records import NO_DEVICE_TIME, STREAMS, Event, Measured, Table, join
+from norton_bench.records import NO_DEVICE_TIME, STREAMS, Event, Measured, Table, has_device_clock, join
 from norton_bench.rig.rig import Rig
 from norton_bench.session.items import ASK
 
@@ -162,7 +162,7 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
     time_ns = int(later.ticks["tick_ns"][0]) - PAUSE_NS - end_ns
     shift = _Shift(
         time_ns=time_ns,
-        device_ns=_on_device(later, records, time_ns),
+        device_ns={each.name: _on_device(later, records, each.name, time_ns) for each in STREAMS},
         # One more: -1 means no segment.
         segments=min((segment.index for segment in later.segments), default=0) - segments - 1,
         counted={each.name: _count(later, records, each.name) for each in STREAMS},
@@ -172,12 +172,12 @@ def before(records: Sequence[Measured], later: Measured) -> list[Measured]:
 
 @dataclass(frozen=True)
 class _Shift:
-    """What is added to time stamps, segment numbers and numbers of readings; ``device_ns`` is None without device
-    stamps.
+    """What is added to time stamps, segment numbers and numbers of readings; by stream what is added to a device's own
+    stamps, None where it sends none.
     """
 
     time_ns: int
-    device_ns: int | None
+    device_ns: dict[str, int | None]
     segments: int
     counted: dict[str, int]
 
@@ -212,20 +212,22 @@ class _Shift:
         table["arrival_ns"] += self.time_ns
         table["sequence"] += self.counted[stream]
         if "device_ns" in (table.dtype.names or ()):
-            table["device_ns"] = NO_DEVICE_TIME if self.device_ns is None else table["device_ns"] + self.device_ns
+            moved_ns = self.device_ns[stream]
+            table["device_ns"] = NO_DEVICE_TIME if moved_ns is None else table["device_ns"] + moved_ns
         return table
 
 
-def _on_device(later: Measured, records: Sequence[Measured], time_ns: int) -> int | None:
-    """What to add to the sensor's own stamps, once the host's are moved by ``time_ns``; None where it sends none.
+def _on_device(later: Measured, records: Sequence[Measured], stream: str, time_ns: int) -> int | None:
+    """What to add to a device's own stamps, once the host's are moved by ``time_ns``; None where it sends none.
 
     From the readings on either side of the pause: on average they were delayed equally on their way.
     """
-    older = next((record.torque for record in reversed(records) if len(record.torque)), None)
-    if older is None or not len(later.torque):
+    tables = (getattr(record, stream) for record in reversed(records))
+    older: Table | None = next((table for table in tables if len(table)), None)
+    if older is None:
         return None
-    older, newer = older[-ABOUT_THE_PAUSE:], later.torque[:ABOUT_THE_PAUSE]
-    if np.any(older["device_ns"] == NO_DEVICE_TIME) or np.any(newer["device_ns"] == NO_DEVICE_TIME):
+    older, newer = older[-ABOUT_THE_PAUSE:], getattr(later, stream)[:ABOUT_THE_PAUSE]
+    if not (has_device_clock(older) and has_device_clock(newer)):
         return None
     then = np.median(older["device_ns"] - (older["arrival_ns"] + time_ns))
     return round(float(np.median(newer["device_ns"] - newer["arrival_ns"]) - then))

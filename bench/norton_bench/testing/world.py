@@ -53,11 +53,18 @@ class ScriptedBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return (self.arriving.popleft() if self.arriving else None), True
 
-    def arrive(self, arbitration_id: int, data: bytes = b"", *, extended: bool = False, remote: bool = False) -> None:
+    def arrive(
+        self,
+        arbitration_id: int,
+        data: bytes = b"",
+        *,
+        extended: bool = False,
+        remote: bool = False,
+        fd: bool = False,
+    ) -> None:
         """Let a frame come from the other end."""
-        self.arriving.append(
-            can.Message(arbitration_id=arbitration_id, data=data, is_extended_id=extended, is_remote_frame=remote)
-        )
+        kind = {"is_extended_id": extended, "is_remote_frame": remote, "is_fd": fd}
+        self.arriving.append(can.Message(arbitration_id=arbitration_id, data=data, **kind))
 
 
 class ScriptedLine:
@@ -101,7 +108,14 @@ class ScriptedWorld:
     def open_can(self, settings: CanBusSettings) -> CanPort:
         if settings.interface == "missing":
             raise ConnectionFailedError("no adapter")
-        return CanPort(settings.name, self.bus, self.clock, lambda _message: self.clock.ns)
+        return CanPort(
+            settings.name,
+            self.bus,
+            self.clock,
+            lambda _message: self.clock.ns,
+            fd=settings.fd,
+            switches_bitrate=settings.switches_bitrate,
+        )
 
     def open_serial(self, port: str, baud: int) -> SerialPort:
         return SerialPort(port, self.line, self.clock)

@@ -70,6 +70,8 @@ def as_python_can_does(settings: CanBusSettings, **changed: Any) -> can.BusABC:
     Without python-can's own configuration files: the rig file alone says what is opened.
     """
     arguments: dict[str, Any] = {"channel": settings.channel, "bitrate": settings.bitrate_bit_s}
+    if settings.fd:
+        arguments |= {"fd": True, "data_bitrate": settings.data_bitrate_bit_s or settings.bitrate_bit_s}
     arguments |= {**settings.options, **changed}
     return can.Bus(interface=settings.interface, ignore_config=True, **arguments)
 
@@ -85,13 +87,15 @@ def generic_mend(_settings: CanBusSettings, error: Exception) -> str:
 class Adapter:
     """One interface.
 
-    ``mistakes`` are told from the rig file alone, an ``obstacle`` from the machine; ``mend`` is the half sentence after
-    a failure to open. ``options`` are python-can's names, against which a misspelling is noticed.
+    ``fd`` is whether CAN FD frames pass it. ``mistakes`` are told from the rig file alone, an ``obstacle`` from the
+    machine; ``mend`` is the half sentence after a failure to open. ``options`` are python-can's names, against which a
+    misspelling is noticed.
     """
 
     channel: str = "the adapter's channel"
     install: str = ""  # what must be there
     options: tuple[str, ...] = ()
+    fd: bool = False
     mistakes: Callable[[CanBusSettings], Iterator[Mistake]] = no_mistakes
     obstacle: Callable[[CanBusSettings], str | None] = no_obstacle
     open: Callable[[CanBusSettings], can.BusABC] = as_python_can_does

@@ -7,18 +7,21 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
 
 import can
 import serial
 from can.interfaces.slcan import slcanBus
 
+from norton_drivers.codecs.can_frames import LineFrame
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.slcan import ASK_FLAGS, FLAG_BUS_OFF, FLAG_WORDS, SlcanFrame, SlcanStream
 from norton_drivers.codecs.socketcand import HELLO, OK, RAW_MODE, BracketStream, SocketcandFrame, decode_event, open_bus
 from norton_drivers.errors import reason_of
 
 _LOOK_S = 0.1
+
+Framed = TypeVar("Framed", bound=LineFrame)
 
 
 class ThreadedBus(can.BusABC):
@@ -85,11 +88,12 @@ class SteadySlcanBus(slcanBus):
 
     Read in whole chunks, never raising for a line that it cannot parse, and asking the adapter how it is.
 
-    python-can reads byte by byte, with two system calls each.
+    python-can reads byte by byte, with two system calls each. ``data_bitrate`` is that of CAN FD frames, if any.
     """
 
-    def __init__(self, channel: str, **options: Any) -> None:
+    def __init__(self, channel: str, *, data_bitrate: int | None = None, **options: Any) -> None:
         self._stream = SlcanStream()
+        self._data_bitrate = data_bitrate
         self._flags = 0
         self._flagged: dict[str, int] = {}
         self._unanswered = 0
@@ -101,6 +105,10 @@ class SteadySlcanBus(slcanBus):
         self.serialPortOrig.write_timeout = _WRITE_TIMEOUT_S
         if "://" not in channel:
             self._take_alone()
+
+    def set_bitrate(self, bitrate: int, data_bitrate: int | None = None) -> None:
+        """As python-can does, which asks for no data bit rate when it opens the port."""
+        super().set_bitrate(bitrate, data_bitrate or self._data_bitrate)
 
     def shutdown(self) -> None:
         """Close the channel and the port, also where the adapter has gone."""
@@ -143,17 +151,19 @@ class SteadySlcanBus(slcanBus):
         return "its status flags say bus-off" if self._flags & FLAG_BUS_OFF else None
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """One classic frame. Raises CanOperationError, at the latest after a fifth of a second."""
-        data = b"" if msg.is_remote_frame else bytes(msg.data)
-        frame = SlcanFrame(msg.arbitration_id, data, msg.dlc, msg.is_extended_id, msg.is_remote_frame)
-        self._write_line(frame.encode())
+        """One frame. Raises CanOperationError, at the latest after a fifth of a second."""
+        try:
+            line = frame_of(msg, SlcanFrame).encode()
+        except CodecError as error:
+            raise can.CanOperationError(f"cannot send: {error}") from error
+        self._write_line(line)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._stream.frames:
             self._fill(timeout)
         if not self._stream.frames:
             return None, False
-        return _steady_slcan_message(self._stream.frames.popleft()), False
+        return message_of(self._stream.frames.popleft()), False
 
     def _fill(self, timeout: float | None) -> None:
         line = self.serialPortOrig
@@ -186,12 +196,22 @@ class SteadySlcanBus(slcanBus):
             raise can.CanOperationError(f"cannot send: {error}") from error
 
 
-def _steady_slcan_message(frame: SlcanFrame) -> can.Message:
+def frame_of(message: can.Message, kind: type[Framed]) -> Framed:
+    """For a line."""
+    data = b"" if message.is_remote_frame else bytes(message.data)
+    extended, remote, fd = message.is_extended_id, message.is_remote_frame, message.is_fd
+    return kind(message.arbitration_id, data, message.dlc, extended, remote, fd, fd and message.bitrate_switch)
+
+
+def message_of(frame: LineFrame) -> can.Message:
+    """What came in a line, with the time at which it was read."""
     return can.Message(
         timestamp=time.time(),
         arbitration_id=frame.arbitration_id,
         is_extended_id=frame.extended,
         is_remote_frame=frame.remote,
+        is_fd=frame.fd,
+        bitrate_switch=frame.switched,
         dlc=frame.length,
         data=None if frame.remote else frame.data,
     )

@@ -10,6 +10,9 @@ import os
 import socket
 import struct
 import sys
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
 
 import serial
 
@@ -31,6 +34,17 @@ def serial_mend(error: BaseException | None) -> str:
     if errno.ENOENT in numbers:
         return "is it plugged in? `norton-bench devices` lists what is"
     return "is it a serial port, plugged in and free, and may this user open it (group dialout)?"
+
+
+def hurry(line: serial.Serial) -> None:
+    """Let a USB adapter hand bytes on at once, where its Linux driver heeds that: FTDI's then waits for 1 ms, not 16.
+
+    Source: Linux, drivers/usb/serial/ftdi_sio.c (``write_latency_timer``, ``ASYNC_LOW_LATENCY``), which any user who
+    has the port open may set. Other adapters have no such timer, or do not tell.
+    """
+    if hasattr(line, "set_low_latency_mode"):
+        with suppress(OSError, ValueError):
+            line.set_low_latency_mode(True)
 
 
 COUNT = struct.Struct("i")
@@ -94,3 +108,40 @@ class EagerSocket(LowLatencySerial):
         """As pyserial does."""
         self._socket.close()
         super().close()
+
+
+_PSEUDO_TERMINAL_BAUD = 115_200
+# A device that takes no more bytes must not hold up the loop.
+_WRITE_TIMEOUT_S = 0.2
+
+Line = LowLatencySerial | serial.Serial
+
+
+def open_line(port: str, baud: int) -> Line:
+    """A serial port, or any of pyserial's URLs, as a loop wants it where it has a descriptor of its own.
+
+    Raises serial.SerialException, OSError, ValueError.
+    """
+    line = _opened(port, baud)
+    if os.name != "posix" or ("://" in port and not port.startswith("socket://")):
+        return line
+    if "://" in port:
+        return EagerSocket(line)
+    hurry(line)
+    return LowLatencySerial(line)
+
+
+def _opened(port: str, baud: int) -> serial.Serial:
+    exclusive = None if "://" in port else True  # pyserial's URL handlers know no locks
+    open_it = partial(serial.serial_for_url, port, timeout=0, write_timeout=_WRITE_TIMEOUT_S, exclusive=exclusive)
+    try:
+        return open_it(baudrate=baud)
+    except (serial.SerialException, OSError, ValueError):
+        if not _is_pseudo_terminal(port):
+            raise
+    # A pseudo-terminal has no baud rate, but may refuse to be given an odd one.
+    return open_it(baudrate=_PSEUDO_TERMINAL_BAUD)
+
+
+def _is_pseudo_terminal(port: str) -> bool:
+    return str(Path(port).resolve()).startswith("/dev/pts/")

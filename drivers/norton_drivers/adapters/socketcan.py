@@ -14,6 +14,7 @@ from norton_drivers.wiring import CanBusSettings
 NETWORK = Path("/sys/class/net")
 _CAN_LINK = "280"  # ARPHRD_CAN, Linux' <linux/if_arp.h>
 _UP = 0x1  # IFF_UP, <linux/if.h>
+_CLASSICAL_MTU = "16"  # CAN_MTU, <linux/can.h>; that of a link with CAN FD is 72
 _PATIENCE_S = 2.0
 
 
@@ -23,8 +24,9 @@ def can_links(network: Path = NETWORK) -> dict[str, bool]:
     return {name: _is_up(link) for name, link in sorted(result.items()) if _read(link / "type") == _CAN_LINK}
 
 
-def real_bitrate(channel: str) -> int | None:
-    """What the kernel has set on a link [bit/s]; None where nobody can say (virtual links have none)."""
+def real_bitrate(channel: str, timing: str = "bittiming") -> int | None:
+    """What the kernel has set on a link [bit/s], for the data of CAN FD frames with ``timing = "data_bittiming"``; None
+    where nobody can say (virtual links have none)."""
     try:
         done = subprocess.run(
             ["ip", "-details", "-json", "link", "show", channel],
@@ -32,7 +34,7 @@ def real_bitrate(channel: str) -> int | None:
             timeout=_PATIENCE_S,
             check=True,
         )
-        return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"]["bittiming"]["bitrate"])
+        return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"][timing]["bitrate"])
     except (OSError, subprocess.SubprocessError, ValueError, LookupError, TypeError):
         return None
 
@@ -51,17 +53,29 @@ def obstacle_of(settings: CanBusSettings, network: Path = NETWORK, has_sockets: 
         return f"there is no CAN link {settings.channel} (there is: {known}); is the adapter plugged in? see `ip link`"
     if not links[settings.channel]:
         return f"the link is down; {_bring_up(settings)}"
-    real = real_bitrate(settings.channel)
-    if real is not None and real != settings.bitrate_bit_s:
-        return (
-            f"the link runs at {real} bit/s, but the rig file says {settings.bitrate_bit_s}; correct the file, or "
-            f"`sudo ip link set {settings.channel} down` and {_bring_up(settings)}"
-        )
+    if settings.fd and _read(network / settings.channel / "mtu") == _CLASSICAL_MTU:
+        return f"the link carries no CAN FD frames; {_set_up_anew(settings)}"
+    for words, timing, wanted in (
+        ("runs", "bittiming", settings.bitrate_bit_s),
+        ("sends data", "data_bittiming", settings.data_bitrate_bit_s),
+    ):
+        real = None if wanted is None else real_bitrate(settings.channel, timing)
+        if real is not None and real != wanted:
+            return (
+                f"the link {words} at {real} bit/s, but the rig file says {wanted}; correct the file, or "
+                f"{_set_up_anew(settings)}"
+            )
     return None
 
 
+def _set_up_anew(settings: CanBusSettings) -> str:
+    return f"`sudo ip link set {settings.channel} down` and {_bring_up(settings)}"
+
+
 def _bring_up(settings: CanBusSettings) -> str:
-    return f"`sudo ip link set {settings.channel} up type can bitrate {settings.bitrate_bit_s}`"
+    data_bit_s = settings.data_bitrate_bit_s or settings.bitrate_bit_s
+    fd = f" dbitrate {data_bit_s} fd on" if settings.fd else ""
+    return f"`sudo ip link set {settings.channel} up type can bitrate {settings.bitrate_bit_s}{fd}`"
 
 
 def _mend(settings: CanBusSettings, _error: Exception) -> str:
@@ -91,6 +105,7 @@ def _read(path: Path) -> str:
 SOCKETCAN = Adapter(
     channel='the network interface, e.g. "can0"',
     options=("local_loopback", "fd", "can_filters", "ignore_rx_error_frames"),
+    fd=True,
     obstacle=_obstacle,
     mend=_mend,
     marks_own_frames=False,  # the mark means any program of this computer; the kernel keeps our own frames from us

@@ -14,11 +14,17 @@ from norton_drivers.adapters.vendors import GS_USB, KVASER, PCAN
 from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.wiring import CanBusSettings
 
-# Lawicel's S0 to S8, and S9 as several firmwares have it. Source: python-can, slcanBus.
+# Lawicel's S0 to S8, and S9 as several firmwares have it; for the data of CAN FD frames CANable 2.0's Y2 and Y5.
+# Source: python-can, slcanBus; normaldotcom/canable2-fw, README.
 BITRATES = (10_000, 20_000, 50_000, 83_300, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000)
 
 
+DATA_BITRATES = (2_000_000, 5_000_000)
+
+
 def _slcan_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
+    if settings.fd and settings.data_bitrate_bit_s not in DATA_BITRATES:
+        yield "data_bitrate", "slcan adapters with CAN FD know two: write 2 Mbit/s or 5 Mbit/s"
     if settings.bitrate_bit_s not in BITRATES and "timing" not in settings.options:
         known = ", ".join(f"{bitrate // 1000}" for bitrate in BITRATES)
         yield "bitrate", f"{settings.bitrate_bit_s} bit/s is none that slcan adapters know: {known} kbit/s"
@@ -27,7 +33,8 @@ def _slcan_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
 def _slcan_open(settings: CanBusSettings) -> can.BusABC:
     from norton_drivers.adapters.mended_buses import SteadySlcanBus  # noqa: PLC0415  (only this interface needs it)
 
-    return SteadySlcanBus(settings.channel, **{"bitrate": settings.bitrate_bit_s, **settings.options})
+    own = {"bitrate": settings.bitrate_bit_s, "data_bitrate": settings.data_bitrate_bit_s}
+    return SteadySlcanBus(settings.channel, **{**own, **settings.options})
 
 
 def _slcan_mend(_settings: CanBusSettings, error: Exception) -> str:
@@ -37,8 +44,26 @@ def _slcan_mend(_settings: CanBusSettings, error: Exception) -> str:
 SLCAN = Adapter(
     channel='the serial port, e.g. "/dev/serial/by-id/usb-..."',
     options=("tty_baudrate", "timing", "sleep_after_open", "rtscts", "listen_only", "timeout"),
+    fd=True,
     mistakes=_slcan_mistakes,
     open=_slcan_open,
+    mend=_slcan_mend,
+    health=own_health,
+)
+
+
+def _fdcanusb_open(settings: CanBusSettings) -> can.BusABC:
+    from norton_drivers.adapters.fdcanusb import FdcanusbBus  # noqa: PLC0415  (only this interface needs it)
+
+    data_bit_s = settings.data_bitrate_bit_s or settings.bitrate_bit_s
+    return FdcanusbBus(settings.channel, settings.bitrate_bit_s, data_bit_s, **settings.options)
+
+
+FDCANUSB = Adapter(
+    channel='the serial port, e.g. "/dev/serial/by-id/usb-mjbots_fdcanusb_..."',
+    options=("baudrate", "uart"),
+    fd=True,
+    open=_fdcanusb_open,
     mend=_slcan_mend,
     health=own_health,
 )
@@ -94,7 +119,7 @@ def _udp_multicast_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
 def _udp_multicast_open(settings: CanBusSettings) -> can.BusABC:
     from norton_drivers.adapters.quiet_udp import QuietUdpBus  # noqa: PLC0415  (msgpack is needed by this interface alone)
 
-    own = {"bitrate": settings.bitrate_bit_s, "hop_limit": ON_THIS_COMPUTER}
+    own = {"bitrate": settings.bitrate_bit_s, "hop_limit": ON_THIS_COMPUTER, "fd": settings.fd}
     return QuietUdpBus(settings.channel, **{**own, **settings.options})
 
 
@@ -107,6 +132,7 @@ def _udp_multicast_mend(_settings: CanBusSettings, error: Exception) -> str:
 UDP_MULTICAST = Adapter(
     channel='a multicast address, e.g. "239.74.163.2"',
     options=("port", "hop_limit", "fd"),
+    fd=True,
     mistakes=_udp_multicast_mistakes,
     open=_udp_multicast_open,
     mend=_udp_multicast_mend,
@@ -118,14 +144,16 @@ UDP_MULTICAST = Adapter(
 ADAPTERS: Mapping[str, Adapter] = {
     "socketcan": SOCKETCAN,
     "slcan": SLCAN,
+    "fdcanusb": FDCANUSB,
     "gs_usb": GS_USB,
     "pcan": PCAN,
     "kvaser": KVASER,
     "socketcand": SOCKETCAND,
     "udp_multicast": UDP_MULTICAST,
-    "virtual": Adapter(channel="any name; reaches no further than this one program", linux_error_frames=True),
+    "virtual": Adapter(channel="any name; reaches no further than this one program", fd=True, linux_error_frames=True),
 }
-UNKNOWN = Adapter()
+INTERFACES = frozenset(can.VALID_INTERFACES) | frozenset(ADAPTERS)
+UNKNOWN = Adapter(fd=True)  # whether it is will show
 _KEYS_OF_THE_SECTION = ("interface", "channel", "bitrate")
 
 
@@ -141,6 +169,9 @@ class OpenBus:
 def mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
     """What is wrong with the settings, as far as can be told without opening anything."""
     adapter = ADAPTERS.get(settings.interface, UNKNOWN)
+    if settings.fd and not adapter.fd:
+        able = ", ".join(name for name, each in ADAPTERS.items() if each.fd)
+        yield "fd", f"{settings.interface} cannot carry CAN FD frames here; take another interface: {able}"
     if settings.options.get("receive_own_messages"):
         yield "options", "receive_own_messages would let the bench take its own frames for a device's; leave it out"
     for key in settings.options:
@@ -154,8 +185,8 @@ def mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
 def open_bus(settings: CanBusSettings) -> OpenBus:
     """Raises ConnectionFailedError, in one sentence with the remedy."""
     place = f"[bus.{settings.name}] {settings.interface} on {settings.channel}"
-    if settings.interface not in can.VALID_INTERFACES:
-        known = ", ".join(sorted(can.VALID_INTERFACES))
+    if settings.interface not in INTERFACES:
+        known = ", ".join(sorted(INTERFACES))
         raise ConnectionFailedError(f"{place}: python-can has no such interface; known: {known}")
     adapter = ADAPTERS.get(settings.interface, UNKNOWN)
     with quiet_python_can():

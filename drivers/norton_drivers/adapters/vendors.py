@@ -6,13 +6,35 @@ On Linux the kernel drives most of them too (socketcan).
 import errno
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import can
 
 from norton_drivers.adapters.adapter import Adapter, Mistake, as_python_can_does
 from norton_drivers.wiring import CanBusSettings
+
+# CAN FD through CANlib and PCAN-Basic needs the whole bit timing: with a clock that both know, and sample points at
+# four fifths of a bit unless the rig file has others.
+_CLOCK_HZ = 80_000_000
+_SAMPLE_POINTS = {"sample_point": 80.0, "data_sample_point": 80.0}
+_OWN_TIMING = {"timing", "f_clock", "f_clock_mhz", "tseg1"}
+
+
+def _open_with_timing(settings: CanBusSettings) -> can.BusABC:
+    """Raises ValueError for bit rates that the clock cannot be divided into."""
+    if not settings.fd or _OWN_TIMING & set(settings.options):
+        return as_python_can_does(settings)
+    points = {name: float(settings.options.get(name, share)) for name, share in _SAMPLE_POINTS.items()}
+    timing = can.BitTimingFd.from_sample_point(
+        f_clock=_CLOCK_HZ,
+        nom_bitrate=settings.bitrate_bit_s,
+        nom_sample_point=points["sample_point"],
+        data_bitrate=settings.data_bitrate_bit_s or settings.bitrate_bit_s,
+        data_sample_point=points["data_sample_point"],
+    )
+    others = {name: value for name, value in settings.options.items() if name not in _SAMPLE_POINTS}
+    return as_python_can_does(replace(settings, options=others), timing=timing)
 
 
 def _gs_usb_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
@@ -92,6 +114,7 @@ def _kvaser_mend(_settings: CanBusSettings, error: Exception) -> str:
 KVASER = Adapter(
     channel='CANlib\'s number of the channel, "0" for the first',
     install="Kvaser's CANlib",
+    fd=True,
     options=(
         "timing",
         "accept_virtual",
@@ -108,8 +131,10 @@ KVASER = Adapter(
         "data_bitrate",
         "no_init_access",
         "can_filters",
+        *_SAMPLE_POINTS,
     ),
     mistakes=_kvaser_mistakes,
+    open=_open_with_timing,
     mend=_kvaser_mend,
     health=KvaserHealth,
 )
@@ -161,7 +186,7 @@ class PcanHealth:
 def _pcan_mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
     if not _CHANNEL.fullmatch(settings.channel) and "device_id" not in settings.options:
         yield "channel", f'"{settings.channel}" is no PCAN channel; write it like "PCAN_USBBUS1"'
-    if settings.bitrate_bit_s not in BITRATES and not {"timing", "fd"} & set(settings.options):
+    if settings.bitrate_bit_s not in BITRATES and not (settings.fd or {"timing", "fd"} & set(settings.options)):
         known = ", ".join(f"{bitrate // 1000}" for bitrate in BITRATES)
         yield "bitrate", f"{settings.bitrate_bit_s} bit/s is none that PCAN-Basic knows: {known} kbit/s"
 
@@ -178,8 +203,20 @@ def _pcan_mend(_settings: CanBusSettings, error: Exception) -> str:
 PCAN = Adapter(
     channel='PEAK\'s name of it, e.g. "PCAN_USBBUS1"',
     install="PEAK's PCAN-Basic library",
-    options=("device_id", "state", "timing", "fd", "auto_reset", "f_clock", "f_clock_mhz", "can_filters"),
+    fd=True,
+    options=(
+        "device_id",
+        "state",
+        "timing",
+        "fd",
+        "auto_reset",
+        "f_clock",
+        "f_clock_mhz",
+        "can_filters",
+        *_SAMPLE_POINTS,
+    ),
     mistakes=_pcan_mistakes,
+    open=_open_with_timing,
     mend=_pcan_mend,
     health=PcanHealth,
 )

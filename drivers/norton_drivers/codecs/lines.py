@@ -32,8 +32,10 @@ class LineStream:
     Empty lines are none. ``overlong`` counts stretches without an end that no line can be as long as.
     """
 
-    def __init__(self, *, mid_line: bool) -> None:
-        """``mid_line``: the stream may begin within a line, whose end alone would then look like one."""
+    def __init__(self, *, mid_line: bool, longest: int = LINE_MAX) -> None:
+        """``mid_line``: the stream may begin within a line, whose end alone would then look like one. ``longest`` is
+        what a line may have."""
+        self._longest = longest
         self.overlong = 0
         self._rest = b""
         self._skipping = mid_line
@@ -56,14 +58,14 @@ class LineStream:
         self._rest, self._skipping = b"", False
 
     def _skips(self, text: bytes) -> bool:
-        if not self._skipping and len(text) > LINE_MAX:
+        if not self._skipping and len(text) > self._longest:
             self.overlong += 1
             return True
         return self._skipping
 
     def _keep(self, rest: bytes) -> None:
         self._rest = b"" if self._skipping else self._rest + rest
-        if len(self._rest) > LINE_MAX:
+        if len(self._rest) > self._longest:
             self.overlong += 1
             self._rest, self._skipping = b"", True
 

@@ -25,6 +25,11 @@ class Goal(NamedTuple):
     damping_nms_rad: float
     torque_nm: float
 
+    def held_nm(self, angle_rad: float, velocity_rad_s: float) -> float:
+        """The torque at an angle θ and a velocity ω."""
+        error_rad, error_rad_s = self.position_rad - angle_rad, self.velocity_rad_s - velocity_rad_s
+        return self.stiffness_nm_rad * error_rad + self.damping_nms_rad * error_rad_s + self.torque_nm
+
 
 RELEASED = Goal(0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -1,22 +1,23 @@
-"""slcan: CAN frames as lines of ASCII on a serial line (Lawicel protocol), classic frames only.
+"""slcan: CAN frames as lines of ASCII on a serial line (Lawicel protocol, with CANable 2.0's CAN FD frames).
 
-``t`` and ``T`` are data frames with 3 and 8 hexadecimal digits of identifier, ``r`` and ``R`` remote frames; then one
-digit of length, the data in hexadecimal, and possibly four digits of the adapter's time stamp. A line ends with CR;
+``t`` and ``T`` are data frames with 3 and 8 hexadecimal digits of identifier, ``r`` and ``R`` remote frames, ``d`` and
+``D`` CAN FD frames, ``b`` and ``B`` those whose data go at a bit rate of their own; then one hexadecimal digit, the
+length code, the data in hexadecimal, and possibly four digits of the adapter's time stamp. A line ends with CR;
 BEL stands for a command that was refused, and a lone CR for one that was taken. ``F`` asks for the adapter's status
-flags, answered as ``F`` and two hexadecimal digits. Source: Lawicel CANUSB and CAN232 manuals, "ASCII commands".
+flags, answered as ``F`` and two hexadecimal digits. Sources: Lawicel CANUSB and CAN232 manuals, "ASCII commands";
+normaldotcom/canable2-fw, README; python-can, interfaces/slcan.py.
 """
 
 from collections import deque
-from dataclasses import dataclass
 from typing import Final
 
+from norton_drivers.codecs.can_frames import FD_LENGTHS, LineFrame
 from norton_drivers.codecs.common import CodecError
 
 _END: Final = b"\r"
-_LINE_MAX: Final = 64  # a classic frame with time stamp has 31 characters
-_KINDS: Final = {ord("t"): (4, False), ord("T"): (9, True), ord("r"): (4, True), ord("R"): (9, True)}
-_STANDARD_MAX: Final = 0x7FF
-_EXTENDED_MAX: Final = 0x1FFFFFFF
+_LINE_MAX: Final = 160  # a CAN FD frame with time stamp has 142 characters
+_LETTERS: Final = b"trdbTRDB"
+_EXTENDED, _REMOTE, _FD, _SWITCHED = b"TRDB", b"rR", b"dDbB", b"bB"
 _HEXADECIMAL: Final = frozenset(b"0123456789abcdefABCDEF")
 _ANSWERS: Final = b"zZVvN"  # to commands: sent, version, serial number
 
@@ -48,39 +49,36 @@ def decode_flags(line: bytes) -> int:
     return int(line[1:], 16)
 
 
-@dataclass(frozen=True, slots=True)
-class SlcanFrame:
-    """One classic CAN frame; ``length`` is its DLC, ``data`` is empty for a remote frame."""
+class SlcanFrame(LineFrame):
+    """One CAN frame in a line."""
 
-    arbitration_id: int
-    data: bytes
-    length: int
-    extended: bool = False
-    remote: bool = False
+    __slots__ = ()
 
     def encode(self) -> bytes:
-        """The line, with its CR."""
-        letter = ("R" if self.extended else "r") if self.remote else ("T" if self.extended else "t")
-        digits = 8 if self.extended else 3
-        return f"{letter}{self.arbitration_id:0{digits}X}{self.length}{self.data.hex().upper()}\r".encode()
+        """The line, with its CR. Raises CodecError for a frame that no bus can carry."""
+        self.check()
+        letter = "r" if self.remote else "b" if self.switched else "d" if self.fd else "t"
+        letter, digits = (letter.upper(), 8) if self.extended else (letter, 3)
+        code = FD_LENGTHS.index(self.length)
+        return f"{letter}{self.arbitration_id:0{digits}X}{code:X}{self.data.hex().upper()}\r".encode()
 
     @classmethod
     def decode(cls, line: bytes) -> "SlcanFrame":
         """A line without its CR. Raises CodecError."""
-        if not line or line[0] not in _KINDS:
+        if not line or line[0] not in _LETTERS:
             raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
-        id_end = _KINDS[line[0]][0]
-        remote = line[0] in b"rR"
+        extended, remote, fd, switched = (line[0] in letters for letters in (_EXTENDED, _REMOTE, _FD, _SWITCHED))
+        id_end = 9 if extended else 4
         if len(line) <= id_end or len(line) % 2 == id_end % 2 or not _HEXADECIMAL.issuperset(line[1:]):
             raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
-        arbitration_id = int(line[1:id_end], 16)
-        length = int(line[id_end : id_end + 1], 16)
-        rest = bytes.fromhex(line[id_end + 1 :].decode("ascii"))
+        length = FD_LENGTHS[int(line[id_end : id_end + 1], 16)]
         size = 0 if remote else length
-        greatest = _EXTENDED_MAX if line[0] in b"TR" else _STANDARD_MAX
-        if length > 8 or len(rest) not in (size, size + 2) or arbitration_id > greatest:
+        rest = bytes.fromhex(line[id_end + 1 :].decode("ascii"))
+        if len(rest) not in (size, size + 2):
             raise CodecError(f"not an slcan frame: {line[:_LINE_MAX]!r}")
-        return cls(arbitration_id, rest[:size], length, line[0] in b"TR", remote)
+        frame = cls(int(line[1:id_end], 16), rest[:size], length, extended, remote, fd, switched)
+        frame.check()
+        return frame
 
 
 class SlcanStream:

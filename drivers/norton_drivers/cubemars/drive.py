@@ -24,12 +24,14 @@ from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveStatus, MotionReading
 from norton_drivers.registry import Recognised
 from norton_drivers.vesc.current import CurrentDrive
+from norton_drivers.vesc.motor import Encoded, encoded_current
 from norton_drivers.vesc.shaft import VescShaft
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
 
 SILENT_NS = 150_000_000
 COUNTED_S = 0.1
 _LEAST_PROBE_A = 0.05
+AT_END = "the angle is at the end of its range of ±3200 degrees; set its origin nearer"
 _DEVICE = "a CubeMars actuator in servo mode"
 
 CONNECTION = "can"
@@ -98,6 +100,10 @@ class CubeMarsOptions(DeviceOptions):
     @property
     def greatest_position_rad(self) -> float:
         return radians(protocol.POSITION_END_DEG) if self.beyond_range == "saturates" else inf
+
+    def encoded(self, value: float) -> Encoded:
+        """A command in the actuator's own sense. Raises CodecError for what cannot be sent."""
+        return encoded_current(value, self.per_ampere, self.minimum_current_a)
 
     @property
     def rad_s_per_erpm(self) -> float:
@@ -169,11 +175,12 @@ class CubeMars(CurrentDrive):
 
     def enable(self, timeout_s: float = 2.0) -> None:
         """See that there is no error, and command zero; there is no state to enter."""
-        self._enabled, self._faults, self._status = False, (), None
+        self._enabled, self._status = False, None
+        self._faults.forget()
         self.command(0.0)
         frames = self._frames
         self._wait_for(lambda: self._frames >= frames + 2, timeout_s, "sends nothing")
-        if errors := self._errors():
+        if errors := self._faults.words():
             raise DeviceError(f"{self._place}: refuses to drive its motor: {'; '.join(errors)}")
         self._enabled, self._status = True, None
 
@@ -187,14 +194,11 @@ class CubeMars(CurrentDrive):
     def _flowing_a(self) -> float:
         return 0.0 if self._told is None else self._told.current_a
 
-    def _present_errors(self) -> tuple[str, ...]:
-        return (describe_error(self._told.error),) if self._told is not None and self._told.error else ()
-
     def _new_status(self) -> DriveStatus:
         return DriveStatus(
             state=self._state(),
             heartbeat_ns=self._frame_ns if self._heard else None,
-            errors=self._errors(),
+            errors=self._faults.words(),
             transistor_temperature_c=nan if self._told is None else float(self._told.temperature_c),
         )
 
@@ -209,8 +213,7 @@ class CubeMars(CurrentDrive):
             self.malformed += 1
             return
         self._on_current(arrival_ns)
-        for words in self._present_errors():
-            self._note_fault(words)
+        self._faults.tell(describe_error(told.error) if told.error else "", kept=self._enabled)
         self._shaft.on_erpm(told.erpm)
         self._on_motion(told, arrival_ns)
         current_a = self._direction * vesc.middle(told.current_a, protocol.CURRENT_STEP_A)
@@ -221,7 +224,7 @@ class CubeMars(CurrentDrive):
             protocol.POSITION_END_DEG
         ):
             # No reading rather than a wrong one; the guard sees the fault with its next tick.
-            self._note_fault("the angle is at the end of its range of ±3200 degrees; set its origin nearer")
+            self._faults.tell(AT_END, kept=self._enabled)
             return
         position_rad = self._shaft.position_rad(told.position, arrival_ns)
         if position_rad:  # cut off towards zero

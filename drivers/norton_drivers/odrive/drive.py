@@ -8,21 +8,22 @@ drive's positive sense, times ``direction``."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import frexp, isnan, ldexp, nan, pi
-from typing import Any, ClassVar, Final, Literal
+from math import isnan, nan, pi
+from typing import Any, Final, Literal
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
 
 from norton_drivers.codecs import odrive as protocol
 from norton_drivers.codecs import odrive_06
-from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.common import CodecError, float32_step
 from norton_drivers.codecs.odrive import MessageId
 from norton_drivers.codecs.odrive_05 import Command05, EncoderCount
 from norton_drivers.codecs.odrive_06 import describe_axis_state
-from norton_drivers.drive_base import DriveBase, FedWatchdog
+from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, Questions, wait_until
+from norton_drivers.odrive.axis import ODriveAxisOptions
 from norton_drivers.odrive.firmwares import Dialect, Drive, Firmware05, Firmware06, Handler, HeartbeatState, Message
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import (
@@ -34,10 +35,9 @@ from norton_drivers.readings import (
     Unwrapped,
 )
 from norton_drivers.registry import Recognised
-from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
+from norton_drivers.wiring import DeviceSettings, parse_options
 
 TURN_RAD = 2 * pi
-_FLOAT32_BITS = 24
 _HEARTBEATS_MISSED = 3
 _FEED_INTERVAL_NS = 10_000_000  # while waiting; half of the shortest watchdog
 _ASK_AGAIN_S = 0.02
@@ -74,26 +74,13 @@ def recognise(message: can.Message, _options: Mapping[str, Any]) -> Recognised |
     return Recognised(_DEVICE, says, {"node": node}, sure=heartbeat, from_host=number in _COMMANDS)
 
 
-class ODriveOptions(DeviceOptions):
-    """What a rig file may say of an ODrive."""
-
-    command_units: ClassVar = {"N*m": {}}
+class ODriveOptions(ODriveAxisOptions):
+    """What a rig file may say of an ODrive on CAN."""
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the drive's CAN node id, 0 to 63", examples=[1])
-    firmware: str = Field("0.6", description="the firmware's version, 0.5 or 0.6", examples=["0.6"])
-    watchdog_s: FedWatchdog = Field(
-        0.1,
-        alias="watchdog",
-        ge=0,
-        le=10,
-        description="silence that makes the drive stop, with firmware 0.5 as it is set in the drive; "
-        '"0 s" leaves the drive\'s watchdog as it is',
-        examples=["100 ms"],
-    )
     heartbeat_s: float = Field(
         0.1, alias="heartbeat", gt=0, le=10, description="the drive's heartbeat period", examples=["100 ms"]
     )
-    counts_per_turn: int = Field(0, ge=0, description="encoder counts per turn; 0 where unknown", examples=[16384])
     position: Literal["turns", "counts"] = Field(
         "turns", description='what positions are made from: estimates, or, exact however far it turns, "counts"'
     )
@@ -104,13 +91,6 @@ class ODriveOptions(DeviceOptions):
     enable_watchdog_endpoint: int = Field(
         odrive_06.ENDPOINT_ENABLE_WATCHDOG, ge=0, le=0xFFFF, description="from the board's flat_endpoints.json"
     )
-
-    @field_validator("firmware")
-    @classmethod
-    def _is_supported(cls, firmware: str) -> str:
-        if firmware not in DIALECTS:
-            raise ValueError('firmware "0.5" and "0.6" are spoken here; update the drive')
-        return firmware
 
     @field_validator("position")
     @classmethod
@@ -207,10 +187,8 @@ class ODrive(DriveBase):
         """The encoder's step, or that of the float32 turns on the wire at the present position if it is larger."""
         if self.options.position == "counts":
             return TURN_RAD / self.options.counts_per_turn
-        _, exponent = frexp(self._position_rev)
-        wire_step_rev = ldexp(1.0, exponent - _FLOAT32_BITS)
         encoder_step_rev = 1 / self.options.counts_per_turn if self.options.counts_per_turn else 0.0
-        return TURN_RAD * max(wire_step_rev, encoder_step_rev)
+        return TURN_RAD * max(float32_step(self._position_rev), encoder_step_rev)
 
     @property
     def watchdog_s(self) -> float:

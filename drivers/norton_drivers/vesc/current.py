@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from math import isfinite
 from typing import ClassVar, Protocol
 
 from norton_drivers.codecs import vesc as protocol
@@ -13,9 +12,8 @@ from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
 from norton_drivers.ports import CanPort
 from norton_drivers.readings import DriveState
+from norton_drivers.vesc.motor import TIMEOUT_LOOK_S, Encoded, SeenFaults
 from norton_drivers.wiring import DeviceSettings
-
-TIMEOUT_LOOK_S = 0.010  # bldc: timeout.c
 
 
 class CurrentOptions(Protocol):
@@ -28,13 +26,10 @@ class CurrentOptions(Protocol):
     @property
     def command_unit(self) -> str | None: ...
     @property
-    def per_ampere(self) -> float: ...
-    @property
-    def minimum_current_a(self) -> float: ...
-    @property
     def watchdog_s(self) -> float: ...
     @property
     def watchdog_probe_a(self) -> float: ...
+    def encoded(self, value: float) -> Encoded: ...
 
 
 class CurrentDrive(DriveBase):
@@ -51,7 +46,7 @@ class CurrentDrive(DriveBase):
         self._frames = 0  # that tell the current
         self._frame_ns = 0
         self._enabled = False
-        self._faults: tuple[str, ...] = ()  # since it was enabled
+        self._faults = SeenFaults()
         self._released_from = 0  # the count of frames that first tells what became of the last stop
         self._probe_flowed = False
         packet = Packet.SET_DUTY if options.mode == "duty" else Packet.SET_CURRENT
@@ -69,9 +64,6 @@ class CurrentDrive(DriveBase):
         """The current in the last frame, whatever its sign means."""
         raise NotImplementedError
 
-    def _present_errors(self) -> tuple[str, ...]:
-        raise NotImplementedError
-
     # ---- What the bench asks -------------------------------------------------------------------------------------
 
     def command(self, value: float) -> float:
@@ -80,7 +72,7 @@ class CurrentDrive(DriveBase):
         Raises ConnectionFailedError, DeviceError.
         """
         try:
-            payload, sent = self._encoded(self._direction * value)
+            payload, sent = self._common.encoded(self._direction * value)
         except CodecError as error:
             raise DeviceError(f"{self._place}: cannot command {value} {self.command_unit}") from error
         self._port.send(self._command_id, payload, extended=True)
@@ -110,18 +102,6 @@ class CurrentDrive(DriveBase):
 
     # ---- What is sent --------------------------------------------------------------------------------------------
 
-    def _encoded(self, value: float) -> tuple[bytes, float]:
-        """The payload, and what it stands for in the command's unit; both in the drive's own sense."""
-        if self._common.mode == "duty":
-            payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
-            return payload, protocol.duty_of(payload)
-        per_ampere = self._common.per_ampere
-        current_a = value / per_ampere
-        if abs(current_a) < self._common.minimum_current_a:
-            current_a = 0.0  # the drive lets go of the motor
-        payload = protocol.current_value(current_a)
-        return payload, protocol.current_of(payload) * per_ampere
-
     def _send_current(self, current_a: float) -> None:
         self._port.send(self._current_id, protocol.current_value(current_a), extended=True)
 
@@ -138,17 +118,10 @@ class CurrentDrive(DriveBase):
     def _state(self) -> DriveState:
         if not self._heard:
             return DriveState.UNKNOWN
-        if self._errors():
+        if self._faults.words():
             return DriveState.FAULT
         driving = self._frames < self._released_from or self._flowing_a != 0.0
         return DriveState.ENABLED if self._enabled or driving else DriveState.IDLE
-
-    def _errors(self) -> tuple[str, ...]:
-        return self._faults or self._present_errors()
-
-    def _note_fault(self, words: str) -> None:
-        if self._enabled and words not in self._faults:
-            self._faults = (*self._faults, words)
 
     @property
     def _probe_flows(self) -> bool:

@@ -10,7 +10,7 @@ applications/appconf_default.h (timeout of 1000 ms, all status messages off).
 
 from collections.abc import Callable
 from math import nan
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import can
 from pydantic import Field, ValidationInfo, field_validator
@@ -24,55 +24,23 @@ from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveStatus, MotionReading
 from norton_drivers.vesc.current import CurrentDrive
 from norton_drivers.vesc.messages import VescQueries, answers, probes, recognise  # noqa: F401  (found here by whoever looks for them)
+from norton_drivers.vesc.motor import MOTOR_UNITS, VescMotorOptions, fault_words
 from norton_drivers.vesc.shaft import VescShaft
-from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
+from norton_drivers.wiring import DeviceSettings, parse_options
 
 SILENT_NS = 250_000_000  # longer than a busy host may forget to ask
 _MOTOR_CONTROLLER = 0
+_CODES_PER_TURN = 18_000  # of the angle in STATUS_4
 
 CONNECTION = "can"
 BITRATE = "500 kbit/s"  # as it is delivered: appconf_default.h, APPCONF_CAN_BAUD_RATE
-OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
+OPTION_UNITS = {**MOTOR_UNITS, "watchdog_probe": "A"}
 
 
-class VescOptions(DeviceOptions):
-    """What a rig file may say of a VESC."""
-
-    asked: ClassVar = ("mode", "position", "minimum_current")
-    command_units: ClassVar = {"A": {"mode": "current"}, "N*m": {"mode": "torque"}, "1": {"mode": "duty"}}
+class VescOptions(VescMotorOptions):
+    """What a rig file may say of a VESC on CAN."""
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the VESC ID, 0 to 254", examples=[1])
-    pole_pairs: int = Field(
-        ge=1, description="pairs of magnet poles of the motor: the drive counts electrical turns", examples=[7]
-    )
-    mode: Literal["current", "torque", "duty"] = Field(
-        "current", description='what is commanded: "current" [A], "torque" [N*m] or "duty" (share of the supply)'
-    )
-    torque_constant_nm_a: float | None = Field(
-        None,
-        alias="torque_constant",
-        gt=0,
-        validate_default=True,
-        description='the motor\'s, with mode = "torque": the current for a torque is worked out with it',
-        examples=["0.05 N*m/A"],
-    )
-    position: Literal["encoder", "tachometer"] = Field(
-        "encoder", description="the shaft's position comes from STATUS_4 (encoder) or STATUS_5 (tachometer, coarse)"
-    )
-    minimum_current_a: float = Field(
-        0.05,
-        alias="minimum_current",
-        ge=0,
-        description="the drive's own Minimum Current: below it the motor is let go of",
-        examples=["0.05 A"],
-    )
-    watchdog_s: float = Field(
-        1.0,
-        alias="watchdog",
-        ge=0,
-        description="the timeout set in the drive (App Settings, General)",
-        examples=["1 s"],
-    )
     watchdog_probe_a: float = Field(
         0.0,
         alias="watchdog_probe",
@@ -81,26 +49,6 @@ class VescOptions(DeviceOptions):
         examples=["0.3 A"],
     )
     host_node: int = Field(254, ge=0, le=protocol.NODE_MAX, description="the VESC ID that this computer answers to")
-
-    @property
-    def per_ampere(self) -> float:
-        """The command that one ampere is."""
-        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
-
-    @property
-    def dead_band(self) -> float:
-        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
-
-    @property
-    def released_at_zero(self) -> bool:
-        return self.dead_band > 0.0
-
-    @field_validator("torque_constant_nm_a")
-    @classmethod
-    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
-        if constant is None and info.data.get("mode") == "torque":
-            raise ValueError('mode = "torque" needs it')
-        return constant
 
     @field_validator("watchdog_probe_a")
     @classmethod
@@ -133,7 +81,10 @@ class Vesc(CurrentDrive):
         super().__init__(settings, options, port, link)
         self.options = options
         self._queries = VescQueries(options.node, options.host_node, port, link.clock)
-        self._shaft = VescShaft.of_vesc(options.pole_pairs, encoder=options.position == "encoder")
+        pole_pairs, encoder = options.pole_pairs, options.position == "encoder"
+        self._shaft = (
+            VescShaft.by_encoder(pole_pairs, _CODES_PER_TURN) if encoder else VescShaft.by_tachometer(pole_pairs)
+        )
         self._undecoded = 0
         self._frame = protocol.Status(0.0, 0.0, 0.0)
         self._temperatures = protocol.Status4(nan, nan, nan, nan)
@@ -168,7 +119,8 @@ class Vesc(CurrentDrive):
     def enable(self, timeout_s: float = 2.0) -> None:
         """See that there is no fault, and command zero; there is no state to enter."""
         queries, told = self._queries, self._queries.faults_told
-        self._enabled, self._faults, self._status = False, (), None
+        self._enabled, self._status = False, None
+        self._faults.forget()
         faultless = wait_until(lambda: queries.faults_told > told and not queries.fault, self._link, timeout_s)
         if queries.faults_told == told:
             raise DeviceTimeoutError(f"{self._place}: does not tell its fault code ({timeout_s:g} s waited)")
@@ -220,7 +172,7 @@ class Vesc(CurrentDrive):
         return DriveStatus(
             state=self._state(),
             heartbeat_ns=min(self._frame_ns, self._queries.fault_ns) if self._heard else None,
-            errors=self._errors(),
+            errors=self._faults.words(),
             transistor_temperature_c=self._temperatures.transistor_c,
             motor_temperature_c=self._temperatures.motor_c,
             bus_voltage_v=self._supply_v,
@@ -229,9 +181,6 @@ class Vesc(CurrentDrive):
     @property
     def _flowing_a(self) -> float:
         return self._frame.drawn_a
-
-    def _present_errors(self) -> tuple[str, ...]:
-        return (describe_fault(self._queries.fault),) if self._queries.fault else ()
 
     # ---- What arrives --------------------------------------------------------------------------------------------
 
@@ -286,5 +235,4 @@ class Vesc(CurrentDrive):
 
     def _on_fault_told(self) -> None:
         self._status = None
-        if self._queries.fault:
-            self._note_fault(describe_fault(self._queries.fault))
+        self._faults.tell(fault_words(self._queries.fault), kept=self._enabled)

@@ -7,7 +7,6 @@ from norton_drivers.codecs import vesc as protocol
 from norton_drivers.readings import Unwrapped
 
 TURN_RAD = 2 * pi
-_CODES_PER_TURN = 18_000  # of the angle in STATUS_4
 
 
 class VescShaft:
@@ -26,15 +25,18 @@ class VescShaft:
         self._last: tuple[int, float] | None = None  # arrival [ns] and velocity [rad/s] at the last position
 
     @classmethod
-    def of_vesc(cls, pole_pairs: int, *, encoder: bool) -> Self:
-        """By the angle in STATUS_4, or the count in STATUS_5."""
-        rad_s_per_erpm = TURN_RAD / 60 / pole_pairs
-        if encoder:
-            return cls(TURN_RAD / _CODES_PER_TURN, _CODES_PER_TURN, rad_s_per_erpm, protocol.ERPM_STEP)
+    def by_encoder(cls, pole_pairs: int, codes_per_turn: int) -> Self:
+        """By an angle within a turn."""
+        return cls(TURN_RAD / codes_per_turn, codes_per_turn, TURN_RAD / 60 / pole_pairs, protocol.ERPM_STEP)
+
+    @classmethod
+    def by_tachometer(cls, pole_pairs: int) -> Self:
+        """By the count of sixths of electrical turns."""
         step_rad = TURN_RAD / (protocol.TACHOMETER_PER_ELECTRICAL_TURN * pole_pairs)
-        return cls(step_rad, protocol.TACHOMETER_SPAN, rad_s_per_erpm, protocol.ERPM_STEP)
+        return cls(step_rad, protocol.TACHOMETER_SPAN, TURN_RAD / 60 / pole_pairs, protocol.ERPM_STEP)
 
     def on_erpm(self, erpm: float) -> None:
+        """The electrical speed, as it was cut off."""
         self.velocity_rad_s = protocol.middle(erpm, self._erpm_step) * self._rad_s_per_erpm
 
     def position_rad(self, code: int, arrival_ns: int) -> float:

@@ -271,7 +271,7 @@ class _Babble:
     def _say(self, stamp_ns: int) -> None:
         if not self._going_on or not self._plugs:
             return
-        self._plugs[0].wire.to_host(self._message.arbitration_id, bytes(8), False)
+        self._plugs[0].wire.to_host(self._message.arbitration_id, bytes(8), False, False)
         for plug in self._plugs:
             plug.overhear(self._message)
         self._world.at(stamp_ns + self._period_ns, self._say)

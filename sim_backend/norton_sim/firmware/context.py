@@ -10,7 +10,8 @@ from typing import Protocol
 from norton_drivers.errors import WiringError
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.connectors import CanConnector, SerialConnector
-from norton_sim.hookup import AS_WRITTEN, Hookup, bitrate_of
+from norton_sim.half_duplex import HalfDuplexLine
+from norton_sim.hookup import AS_WRITTEN, Hookup
 from norton_sim.plant import Plant
 from norton_sim.truth import Truth
 from norton_sim.world import Action, Firmware, World
@@ -68,24 +69,36 @@ class DeviceContext:
 
     def can_connector(self) -> CanConnector:
         """Connect the device to its bus. Raises WiringError where the rig has no such bus."""
-        names = [bus.name for bus in self.wiring.buses]
-        if self.settings.bus not in names:
-            known = ", ".join(names) or "none"
+        buses = {bus.name: bus for bus in self.wiring.buses}
+        if self.settings.bus not in buses:
+            known = ", ".join(buses) or "none"
             raise WiringError(
                 f"[{self.settings.role}] bus = {self.settings.bus!r} is not a bus of this rig (known: {known})"
             )
         plug = self.wires.can(self.settings.bus)
         self.world.wires[self.settings.role] = plug
-        self.hookup.connect_can(plug, bitrate_of(self.wiring, self.settings.bus))
+        self.hookup.connect_can(plug, buses[self.settings.bus])
         return plug
 
     def serial_connector(self) -> SerialConnector:
         """Connect the device to its port. Raises WiringError where the rig names none."""
+        return self._connected(self.wires.serial(self._port()))
+
+    def half_duplex_connector(self, baud: int) -> SerialConnector:
+        """Connect the device to the line that it shares with others. Raises WiringError where the rig names none."""
+        port, lines = self._port(), self.world.lines
+        if port not in lines:
+            lines[port] = HalfDuplexLine(self.world, self.wires.serial(port))
+        return self._connected(lines[port].connector(baud))
+
+    def _port(self) -> str:
         if self.settings.port is None:
             raise WiringError(
                 f'[{self.settings.role}] driver = {self.settings.driver!r} needs a serial port: add port = "..."'
             )
-        plug = self.wires.serial(self.settings.port)
+        return self.settings.port
+
+    def _connected(self, plug: SerialConnector) -> SerialConnector:
         self.world.wires[self.settings.role] = plug
         self.hookup.connect_serial(plug)
         return plug

@@ -186,14 +186,9 @@ class DamiaoMotor:
 
     def _hold(self, _stamp_ns: int) -> None:
         """One cycle of its position loop, from the filtered velocity."""
-        goal = self._goal
         if self.armed:
-            position_rad = self._plant.encoder_position_rad(self._machine) - self._zero_rad
-            self._push(
-                goal.stiffness_nm_rad * (goal.position_rad - position_rad)
-                + goal.damping_nms_rad * (goal.velocity_rad_s - self._velocity_rad_s)
-                + goal.torque_nm
-            )
+            angle_rad = self._plant.encoder_position_rad(self._machine) - self._zero_rad
+            self._push(self._goal.held_nm(angle_rad, self._velocity_rad_s))
 
     def _let_go(self, status: int) -> None:
         self.status, self._goal = status, RELEASED

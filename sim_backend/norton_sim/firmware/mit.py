@@ -20,7 +20,7 @@ from norton_drivers.codecs.ranges import RELEASED, Goal
 from norton_drivers.mit import MitOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
-from norton_sim.firmware.loop import PositionLoop
+from norton_sim.firmware.position_loop import PositionLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -46,7 +46,7 @@ class MitMotor:
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._armed = False
         self._zero_rad = 0.0
-        self._loop: PositionLoop | None = None
+        self._loops = servo is not None  # whether it works out a position loop
         self._goal = RELEASED
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
@@ -54,8 +54,7 @@ class MitMotor:
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            self._loop = PositionLoop(self._plant, self._machine, options.loop_period_s, options.velocity_window_s)
-            context.cyclic(round(options.loop_period_s * 1e9), self._hold)
+            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:
@@ -105,7 +104,7 @@ class MitMotor:
     def _obey(self, goal: Goal) -> None:
         self._goal = goal
         self._commanded_ns = self._world.now_ns
-        if self._armed and self._loop is None:
+        if self._armed and not self._loops:
             self._push(goal.torque_nm)
 
     def _push(self, torque_nm: float) -> None:
@@ -115,7 +114,7 @@ class MitMotor:
         match special:
             case Special.ENABLE if not self._armed:
                 self.error, self._armed = protocol.NO_ERROR, True
-                if self._loop is None:
+                if not self._loops:
                     self._push(self._goal.torque_nm)
             case Special.DISABLE:
                 self._disarm()
@@ -124,12 +123,10 @@ class MitMotor:
 
     # ---- what it does by itself ----
 
-    def _hold(self, _stamp_ns: int) -> None:
+    def _hold(self, position_rad: float, velocity_rad_s: float) -> None:
         """One cycle of torque_control, with the velocity of ps_sample."""
-        if self._loop is not None:
-            torque_nm = self._loop.torque_nm(self._goal, self._zero_rad)
-            if self._armed:
-                self._push(torque_nm)
+        if self._armed:
+            self._push(self._goal.held_nm(position_rad - self._zero_rad, velocity_rad_s))
 
     def _look(self, stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)

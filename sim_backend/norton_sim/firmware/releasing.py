@@ -16,7 +16,8 @@ MOST_CURRENT_A = 60.0
 
 
 class ReleasingAmplifier:
-    """One motor's. ``fault`` is its code, 0 for none; ``faults`` has the codes; ``timeout_s`` is 0 for none."""
+    """One motor's. ``fault`` is its code, 0 for none; ``faults`` has the codes. ``timeout_s`` is 0 for none;
+    ``timed_out``: it has acted since the last command."""
 
     def __init__(
         self,
@@ -29,6 +30,7 @@ class ReleasingAmplifier:
         per_ampere: float,
     ) -> None:
         self.fault = 0
+        self.timed_out = False
         self.running = False
         self.heating = Heating()
         self.on_release: Callable[[], None] = lambda: None
@@ -45,7 +47,7 @@ class ReleasingAmplifier:
 
     def heed(self) -> bool:
         """A command has come; whether it is obeyed."""
-        self._commanded_ns = self._world.now_ns
+        self._commanded_ns, self.timed_out = self._world.now_ns, False
         return not self.fault
 
     def set_current(self, current_a: float) -> bool:
@@ -77,4 +79,5 @@ class ReleasingAmplifier:
         elif self.fault and stamp_ns >= self._ignores_until_ns:
             self.fault = 0
         if self.timeout_s and stamp_ns - self._commanded_ns > self.timeout_s * 1e9:
+            self.timed_out = True
             self.release()

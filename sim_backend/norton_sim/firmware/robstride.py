@@ -19,7 +19,7 @@ from norton_drivers.codecs.robstride import Feedback, Kind, Mode, Parameter
 from norton_drivers.robstride.options import RobStrideOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
-from norton_sim.firmware.loop import PositionLoop
+from norton_sim.firmware.position_loop import PositionLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -66,13 +66,12 @@ class RobStrideMotor:
         self._heard_ns = context.world.now_ns
         self._host = options.host
         self._frozen: tuple[float, float] | None = None
-        self._loop: PositionLoop | None = None
+        self._loops = servo is not None  # whether it works out a position loop
         self._connector = context.can_connector()
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            self._loop = PositionLoop(self._plant, self._machine, options.loop_period_s, options.velocity_window_s)
-            context.cyclic(round(options.loop_period_s * 1e9), self._hold)
+            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:
@@ -166,19 +165,18 @@ class RobStrideMotor:
             self._drive()
 
     def _drive(self) -> None:
-        if self.armed and self._loop is None:
+        if self.armed and not self._loops:
             in_amperes = self.parameters[Parameter.RUN_MODE] == protocol.CURRENT_MODE
             in_rig_unit = self.parameters[Parameter.IQ_REF] if in_amperes else self._goal.torque_nm
             self._plant.command(self._machine, in_rig_unit)
 
     # ---- what it does by itself ----
 
-    def _hold(self, _stamp_ns: int) -> None:
+    def _hold(self, position_rad: float, velocity_rad_s: float) -> None:
         """One cycle of its position loop."""
-        if self._loop is not None:
-            torque_nm = self._loop.torque_nm(self._goal, self._zero_rad)
-            if self.armed:
-                self._plant.command(self._machine, torque_nm / self._nm_per_unit)
+        if self.armed:
+            torque_nm = self._goal.held_nm(position_rad - self._zero_rad, velocity_rad_s)
+            self._plant.command(self._machine, torque_nm / self._nm_per_unit)
 
     def _look(self, stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)

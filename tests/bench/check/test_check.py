@@ -155,7 +155,7 @@ def test_somebody_else_commands_the_drive(opened: Open) -> None:
         backend.world.at(
             delay_ns,
             lambda _now: backend._can_wires["can0"].to_host(
-                arbitration_id(1, MessageId.SET_INPUT_TORQUE), message.encode(), False
+                arbitration_id(1, MessageId.SET_INPUT_TORQUE), message.encode(), False, False
             ),
         )
     (sentence,) = sentences(look(RIG, backend))

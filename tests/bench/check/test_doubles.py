@@ -100,4 +100,4 @@ def test_error_frames_are_nobodys_messages() -> None:
     survey.note(RawFrame(2, "/dev/ttyUSB0", False, b"abc"))
     survey.note(RawFrame(3, "can0", False, bytes(8), 0x29))
     assert (survey.buses["can0"].standard_ids(), survey.buses["can0"].frames) == ({0x29}, 1)
-    assert survey.bytes_heard == {"/dev/ttyUSB0": 3}
+    assert {port: line.bytes_heard for port, line in survey.lines.items()} == {"/dev/ttyUSB0": 3}

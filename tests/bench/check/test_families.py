@@ -13,12 +13,13 @@ from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
-NAMES = ("odrive", "cia402", "mit", "vesc", "damiao", "robstride", "cubemars", "dyn200")
-ODRIVE, CIA402, MIT, VESC, DAMIAO, ROBSTRIDE, CUBEMARS, DYN200 = (RIGS / f"sim-{name}.toml" for name in NAMES)
+NAMES = ("odrive", "cia402", "mit", "moteus", "vesc", "damiao", "robstride", "cubemars", "dyn200")
+ODRIVE, CIA402, MIT, MOTEUS, VESC, DAMIAO, ROBSTRIDE, CUBEMARS, DYN200 = (RIGS / f"sim-{name}.toml" for name in NAMES)
 KINDS = {
     ODRIVE: "an ODrive",
     CIA402: "a CANopen device",
     MIT: "an actuator in MIT mode",
+    MOTEUS: "a moteus controller",
     VESC: "a VESC",
     DAMIAO: "a Damiao motor",
     ROBSTRIDE: "a RobStride motor",
@@ -69,6 +70,7 @@ def twins(path: Path) -> Rig:
     copied = re.sub(r"^node = \d+", "node = 14", copied, flags=re.M).rstrip()
     # A load is commanded in newton metres.
     copied = re.sub(r'^mode = "current".*$', 'mode = "torque"\ntorque_constant = "0.05 N*m/A"', copied, flags=re.M)
+    text = re.sub(r"^\[bus\.can1\].*?(?=^\[)", "", text, flags=re.S | re.M)  # where the load was alone
     rig = parse_rig(text.replace(load[0], f'{copied}\ntorque_limit = "1 N*m"\ndirection = -1\n\n'), place="twins.toml")
     return really(rig, "load", node=rig.wiring.actuator.options["node"])
 
@@ -80,7 +82,14 @@ def test_two_devices_with_one_id(path: Path) -> None:
     assert any(each.startswith("[load] ") and "does not answer" in each for each in found)
 
 
-@pytest.mark.parametrize("path", KINDS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("rate", [{"bitrate": "500 kbit/s"}, {"data_bitrate": "2 Mbit/s"}], ids=["bitrate", "data"])
+def test_a_wrong_bitrate_of_who_is_alone_on_its_bus(rate: dict[str, str]) -> None:
+    (sentence,) = sentences(really(load_rig(MOTEUS), "actuator", **rate))
+    assert "not one frame is heard, but errors are (bus error " in sentence
+    assert "bitrate = 1000000 bit/s (data 5000000 bit/s) is probably not the devices'" in sentence
+
+
+@pytest.mark.parametrize("path", [path for path in KINDS if path != MOTEUS], ids=lambda path: path.stem)
 def test_a_wrong_bitrate(path: Path) -> None:
     (sentence,) = sentences(really(load_rig(path), "actuator", bitrate="500 kbit/s"))
     assert "can be heard, and errors (bus error " in sentence

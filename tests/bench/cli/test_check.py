@@ -54,7 +54,7 @@ def test_a_bench_in_order_for_programs(run: Run) -> None:
     code, out, _ = run("rig", "check", RIG, "--json", "--move")
     found: dict[str, Any] = json.loads(out)
     assert code == ExitCode.OK
-    assert list(found) == ["devices", "buses", "host", "moved", "problems", "remarks", "identify"]
+    assert list(found) == ["devices", "buses", "lines", "host", "moved", "problems", "remarks", "identify"]
     assert [(device["role"], device["problems"]) for device in found["devices"]] == [
         ("actuator", []),
         ("load", []),

@@ -340,6 +340,7 @@ def run(plan, truth, bench, seed, origin_ns=5_000_000_000):
         table["velocity_rad_s"] = np.gradient(angle, TICK_S)
         table["sequence"] = np.arange(n)
         table["arrival_ns"] = travel(bench.can_delay_s, bench.can_jitter_s, stamps)
+        table["device_ns"] = NO_DEVICE_TIME
         return table
 
     torque = np.empty(n, TORQUE)
@@ -356,6 +357,7 @@ def run(plan, truth, bench, seed, origin_ns=5_000_000_000):
     current["current_a"] = out[:, 3] / truth.torque_constant + bench.current_noise_a * rng.standard_normal(n)
     current["sequence"] = np.arange(n)
     current["arrival_ns"] = travel(bench.can_delay_s, bench.can_jitter_s, taken_ns[3])
+    current["device_ns"] = NO_DEVICE_TIME
 
     ticks = np.zeros(n, TICK)
     ticks["tick_ns"], ticks["command"], ticks["load_torque_nm"] = tick_ns, command, sent_l

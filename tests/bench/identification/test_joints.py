@@ -79,7 +79,7 @@ def test_slopes_with_the_joint_are_those_of_the_prediction(told):
 @pytest.fixture
 def error(result, experiment):
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
-    return model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
+    return model_error(result, expanded(result, stretches, ()), (), experiment)
 
 
 def departed(kind):

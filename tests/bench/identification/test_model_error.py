@@ -9,7 +9,7 @@ from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
-from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error
+from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error, with_prediction
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
@@ -31,7 +31,13 @@ def unseen():
 
 @pytest.fixture(scope="module")
 def error(result, stretches, experiment):
-    return model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
+    return error_of(result, stretches, (), experiment)
+
+
+def error_of(result, stretches, unseen, measured):
+    at = expanded(result, stretches, unseen)
+    error = model_error(result, at, unseen, measured)
+    return with_prediction(error, result, at, (*stretches, *unseen), measured)
 
 
 def changed(error, relative, kind=DRAG):
@@ -83,8 +89,7 @@ def test_the_stated_error_has_no_cogging_that_the_network_has(error):
 def test_a_wrong_network_states_a_greater_error(result, stretches, unseen, experiment):
     """Of segments that no fit has seen: values that are off show there."""
     wrong = replace(result, network=replace(result.network, coulomb_torque_nm=1.1 * result.network.coulomb_torque_nm))
-    at = expanded(wrong, stretches, unseen)
-    left = model_error(wrong, at, stretches, unseen, experiment)
+    left = error_of(wrong, stretches, unseen, experiment)
     assert left.prediction.torque_nm > 1e-3
 
 
@@ -136,7 +141,7 @@ def test_the_zero_is_compared_with_the_tare(result, stretches, experiment, error
     torque = experiment.torque.copy()
     torque["torque_nm"][torque["arrival_ns"] < rest.end_ns] -= 2e-3
     strained = replace(experiment, torque=torque)
-    moved = model_error(result, expanded(result, stretches, ()), stretches, (), strained)
+    moved = error_of(result, stretches, (), strained)
     assert moved.zero.moved_nm == pytest.approx(error.zero.moved_nm + 2e-3, abs=1e-5)
     assert moved.prediction.torque_nm > 1.9e-3
 

@@ -144,6 +144,6 @@ def error_of_change(result, experiment):
     from norton_bench.identification.model_error import expanded, model_error
 
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
-    error = model_error(result, expanded(result, stretches, ()), stretches, (), experiment)
+    error = model_error(result, expanded(result, stretches, ()), (), experiment)
     change = Departure(CHANGE, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
     return replace(error, departures=(change,))

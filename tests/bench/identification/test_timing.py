@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 
 from norton_bench.identification.readings import sampled_at_s, taken_late_s
 from norton_bench.identification.redundancy import jumps
-from norton_bench.records import TORQUE
+from norton_bench.identification.signals import instants
+from norton_bench.records import MOTION, NO_DEVICE_TIME, TORQUE
 from tests.bench.identification.synthetic import looked_at
 
 
@@ -134,3 +135,17 @@ def test_a_shaft_at_rest_tells_nothing_of_instants():
     even_s, late_s, _, _ = answered(np.random.default_rng(4), 1, count=3000)
     assert not taken_late_s(even_s, late_s, np.zeros(even_s.size)).any()
     assert not taken_late_s(even_s[:5], late_s[:5], np.arange(5.0)).any()
+
+
+def test_readings_of_a_drive_that_is_asked_are_placed_by_their_questions():
+    """However unevenly they were asked for, and however late the loop found the answers."""
+    rng = np.random.default_rng(1)
+    table = np.zeros(4000, MOTION)
+    asked_ns = np.cumsum(rng.choice([2_000_000, 4_000_000], 4000, p=[0.7, 0.3]))
+    table["device_ns"] = asked_ns
+    table["arrival_ns"] = asked_ns + 1_200_000 + rng.integers(-150_000, 150_000, 4000)
+    time_s, rows = instants(table, 0)
+    assert rows.size == 4000
+    assert np.ptp(time_s - asked_ns * 1e-9) < 20e-6
+    table["device_ns"] = NO_DEVICE_TIME
+    assert np.ptp(instants(table, 0)[0] - asked_ns * 1e-9) > 1e-3, "arrivals alone do not tell"

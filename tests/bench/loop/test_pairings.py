@@ -134,7 +134,8 @@ def test_the_timeout_is_seen_at_work_without_moving_the_shaft(driver: str, probe
         actuator, link = bench.devices.actuator, bench.devices.link
         if not works:  # the drive's own setting is another than the rig's
             firmware = bench.backend.world.devices["actuator"]
-            getattr(firmware, "amplifier", firmware).timeout_s = 0.0  # type: ignore[attr-defined]
+            timed = firmware.motor.amplifier if driver == "vesc" else firmware  # type: ignore[attr-defined]
+            timed.timeout_s = 0.0  # type: ignore[attr-defined]
         actuator.enable()
         start_rad = bench.backend.world.plant.true_position_rad("actuator")
         actuator.provoke_watchdog()

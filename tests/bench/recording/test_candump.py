@@ -28,16 +28,18 @@ from tests.bench.bench_in_simulation import opened
 RIG = Path(__file__).parents[3] / "rigs" / "sim-odrive.toml"
 
 STAMPS = st.integers(0, 2**40).map(lambda microseconds: microseconds * 1000)
+# Remote frame, CAN FD, and whether its data go at a bit rate of their own.
+KINDS = [(False, False, False), (True, False, False), (False, True, False), (False, True, True)]
 STANDARD, EXTENDED = st.integers(0, 0x7FF), st.integers(0, 0x1FFFFFFF)
 
 
 @st.composite
 def can_frames(draw: st.DrawFn) -> RawFrame:
-    extended, remote = draw(st.booleans()), draw(st.booleans())
+    extended, (remote, fd, switched) = draw(st.booleans()), draw(st.sampled_from(KINDS))
     identifier = draw(EXTENDED if extended else STANDARD)
-    data = b"" if remote else draw(st.binary(max_size=8))
+    data = b"" if remote else draw(st.binary(max_size=64 if fd else 8))
     return RawFrame(draw(STAMPS), draw(st.sampled_from(["can0", "bus_b"])), draw(st.booleans()), data, identifier,
-                    extended, remote)  # fmt: skip
+                    extended, remote, fd, switched)  # fmt: skip
 
 
 def read(content: bytes, path: Path) -> list[can.Message]:
@@ -56,6 +58,7 @@ def test_python_can_reads_back_what_crossed_the_bus(tmp_path_factory: pytest.Tem
         assert (message.channel, message.is_rx) == (frame.channel, not frame.sent)
         assert (message.arbitration_id, message.is_extended_id) == (frame.arbitration_id, frame.extended)
         assert (bytes(message.data), message.is_remote_frame) == (frame.data, frame.remote)
+        assert (message.is_fd, message.bitrate_switch) == (frame.fd, frame.switched)
 
 
 @given(frame=can_frames())
@@ -70,6 +73,8 @@ def test_it_is_what_python_can_writes(tmp_path_factory: pytest.TempPathFactory, 
                 frame.remote,
                 channel=frame.channel,
                 data=None if frame.remote else frame.data,
+                is_fd=frame.fd,
+                bitrate_switch=frame.switched,
                 is_rx=not frame.sent,
             )
         )

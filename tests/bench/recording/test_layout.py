@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from norton_bench.recording import frames
 from norton_bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
-from norton_bench.recording.schemas import RAW_MESSAGE, layout_in, message_class, raw_fields, schema_bytes
+from norton_bench.recording.schemas import RAW_MESSAGE, layout_in, message_class, raw_fields, raw_names, schema_bytes
 from norton_bench.recording.wire import Frames
 from norton_bench.records import TABLES, TICK
 from norton_drivers.readings import RawFrame
@@ -40,14 +40,31 @@ def test_a_layout_is_read_back_from_its_own_schema(kind) -> None:
 @given(length=st.integers(0, 20_000), content=st.data())
 def test_raw_frames_of_any_length(length: int, content) -> None:
     data = bytes(content.draw(st.integers(0, 255)) for _ in range(min(length, 3))).ljust(length, b"\xa5")
-    frame = RawFrame(12345, "can0", True, data, 0x1FFFFFFF, True, False)
+    frame = RawFrame(12345, "can0", True, data, 0x1FFFFFFF, True, False, True, False)
     (rows,) = frames.encode(Frames.of((frame,)), lambda name: 7, 41)
     message = message_class(RAW_MESSAGE).FromString(rows.tobytes()[HEADER.itemsize :])
     assert (message.stamp_ns, message.data, message.arbitration_id) == (12345, data, 0x1FFFFFFF)
     assert (message.sent, message.extended, message.remote) == (True, True, False)
+    assert (message.fd, message.switched) == (True, False)
     assert frames.length_of(rows.dtype.itemsize) == length
     again = frames.raw_layout(length).decode(rows.tobytes())
     assert frames.decode([("can0", again)]) == (frame,)
+
+
+OLDER = frozenset({"stamp_ns", "arbitration_id", "sent", "extended", "remote", "data"})
+
+
+@pytest.mark.parametrize("length", [0, 8, 200])
+def test_raw_frames_of_a_file_from_before_can_fd(length: int) -> None:
+    layout = frames.raw_layout(length, OLDER)
+    row = layout.blank(1, 7)
+    row["stamp_ns"], row["arbitration_id"], row["extended"], row["data"] = 5, 0x29, True, 0x5A
+    assert frames.length_of(layout.record.itemsize, OLDER) == length
+    message = message_class(RAW_MESSAGE).FromString(row.tobytes()[HEADER.itemsize :])  # ours reads theirs, too
+    assert (message.data, message.fd) == (b"\x5a" * length, False)
+    (frame,) = frames.decode([("can0", layout.decode(row.tobytes()))])
+    assert frame == RawFrame(5, "can0", False, b"\x5a" * length, 0x29, True)
+    assert raw_names(schema_bytes(RAW_MESSAGE)) == OLDER | {"fd", "switched"}
 
 
 @given(st.integers(0, 2**40))

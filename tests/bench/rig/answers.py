@@ -18,7 +18,10 @@ ACTUATORS = {
     "odrive": {"node": "5", "command": "0.5 N*m"},
     "cia402": {"node": "5", "command": "0.5 N*m", **CIA402},
     "mit": {"node": "5", "command": "0.5 N*m", **MIT},
+    "moteus": {"node": "5", "command": "0.5 N*m"},
     "vesc": {"node": "5", "pole_pairs": "7", "command": "9 A"},
+    "dynamixel": {"node": "5", "port": "/dev/ttyUSB1", "type": "XM430-W350", "command": "1 A"},
+    "feetech": {"node": "5", "port": "/dev/ttyUSB1", "type": "STS3215", "command": "0.5"},
     "vesc torque": {"node": "5", "pole_pairs": "7", "mode": "torque", "torque_constant": "0.06 N*m/A",
                     "command": "0.5 N*m"},
     "damiao": {"node": "5", "command": "0.5 N*m", **DAMIAO},
@@ -27,8 +30,11 @@ ACTUATORS = {
 }  # fmt: skip
 LOADS = {
     "odrive": {"node": "2"},
+    "dynamixel": {"node": "2", "port": "/dev/ttyUSB1", "type": "XM430-W350", "torque_constant": "1.8 N*m/A"},
+    "feetech": {"node": "2", "port": "/dev/ttyUSB1", "type": "STS3215", "stall_torque": "1.9 N*m"},
     "cia402": {"node": "2", **CIA402},
     "mit": {"node": "2", **MIT},
+    "moteus": {"node": "2"},
     "vesc": {"node": "2", "pole_pairs": "7", "torque_constant": "0.06 N*m/A"},
     "damiao": {"node": "2", **DAMIAO},
     "robstride": {"node": "2", **ROBSTRIDE},
@@ -50,6 +56,7 @@ COMBINATIONS = [
     *(("odrive", load, "bota") for load in LOADS if load != "odrive"),
     *(("odrive", "odrive", sensor) for sensor in SENSORS if sensor != "bota"),
     ("vesc", "vesc", "dbc"),
+    ("feetech", "feetech", "bota"),
     ("cia402", "cia402", "canopen"),
     ("mit", "mit", "mantracourt"),
 ]
@@ -65,6 +72,8 @@ def answers(actuator: str = "odrive", load: str = "odrive", sensor: str = "bota"
     ):
         given[f"{role}.driver"] = kind.partition(" ")[0]
         given |= {f"{role}.{key}": value for key, value in needs.items()}
+    if {actuator, load} & {"dynamixel", "feetech"}:
+        given["rig.rate"] = "400 Hz"  # what their line carries
     if sensor == "none":
         del given["limits.torque"]
     return given

@@ -69,10 +69,16 @@ def test_every_shipped_drive_can_be_a_load(driver: str) -> None:
         "odrive": {"node": 1},
         "mit": {"node": 1, "position_range": 12.5, "velocity_range": 50.0, "torque_range": 2.0},
         "cia402": {"node": 1, "torque_per_unit": 1e-3, "counts_per_turn": 4096, "velocity_per_unit": 0.1},
+        "odrive_uart": {},
+        "simplefoc": {"mode": "torque", "torque_constant": 0.05, "current_limit": 9.0},
+        "moteus": {"node": 1},
         "vesc": {"node": 1, "pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
+        "vesc_uart": {"pole_pairs": 7, "mode": "torque", "torque_constant": 0.05},
         "damiao": {"node": 1, "master": 17},
         "robstride": {"node": 1, "motor": "rs02"},
         "cubemars": {"node": 1, "pole_pairs": 21, "gear_ratio": 9, "mode": "torque", "torque_constant": 0.8},
+        "dynamixel": {"node": 1, "type": "XM430-W350", "mode": "torque", "torque_constant": 1.8},
+        "feetech": {"node": 1, "type": "STS3215", "mode": "torque", "stall_torque": 1.9},
     }[driver]
     options = amplifier_options(driver, needed)
     assert options is not None

@@ -15,7 +15,6 @@ from norton_bench.rig.schema import PLAUSIBILITY, BusSection, GuardSection, Limi
 from norton_bench.session.schema import parse_session
 from norton_drivers import registry
 from norton_drivers.adapters.table import ADAPTERS, mistakes
-from norton_drivers.wiring import CanBusSettings
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -52,7 +51,7 @@ def test_the_buses_shown_are_right() -> None:
     for block in all_shown_in("adapters.md"):
         written = tomllib.loads(block)
         bus = BusSection.model_validate(written.get("bus", {"can0": written})["can0"])
-        settings = CanBusSettings("can0", bus.interface, bus.channel, round(bus.bitrate_bit_s), bus.options)
+        settings = bus.settings("can0")
         assert list(mistakes(settings)) == []
 
 

@@ -2,6 +2,7 @@
 
 import errno
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import can
@@ -22,6 +23,7 @@ GOOD = {
     "gs_usb": CanBusSettings("b", "gs_usb", "0"),
     "pcan": CanBusSettings("b", "pcan", "PCAN_USBBUS1"),
     "kvaser": CanBusSettings("b", "kvaser", "1", options={"accept_virtual": False}),
+    "fdcanusb": CanBusSettings("b", "fdcanusb", "/dev/ttyACM0", fd=True, data_bitrate_bit_s=5_000_000),
     "socketcand": CanBusSettings("b", "socketcand", "can0", options={"host": "10.0.0.1", "port": 29536}),
     "udp_multicast": CanBusSettings("b", "udp_multicast", "239.74.163.2", options={"port": 43113}),
     "virtual": CanBusSettings("b", "virtual", "any"),
@@ -88,6 +90,13 @@ def _socketcan(**options: object) -> CanBusSettings:
         (CanBusSettings("b", "socketcand", "can0", options={"host": "x"}), "options", "29536 is its default"),
         (CanBusSettings("b", "udp_multicast", "10.0.0.1"), "channel", "must be a multicast address"),
         (CanBusSettings("b", "udp_multicast", "somewhere"), "channel", "must be a multicast address"),
+        (
+            replace(GOOD["gs_usb"], fd=True),
+            "fd",
+            "gs_usb cannot carry CAN FD frames here; take another interface",
+        ),
+        (replace(GOOD["socketcand"], fd=True), "fd", "socketcand cannot carry CAN FD frames here"),
+        (replace(GOOD["slcan"], fd=True, data_bitrate_bit_s=8_000_000), "data_bitrate", "write 2 Mbit/s or 5 Mbit/s"),
         (_socketcan(receive_own_messages=True), "options", "take its own frames"),
         (_socketcan(bitrate=5), "options", "a key of the section itself"),
         (_socketcan(local_lopback=True), "options", 'did you mean "local_loopback"?'),
@@ -183,6 +192,19 @@ def test_python_can_is_handed_what_the_rig_file_says(stand_in, no_obstacle, inte
         opened.bus.shutdown()
 
 
+@pytest.mark.parametrize("interface", ["socketcan", "pcan", "kvaser", "vector"])
+def test_python_can_is_told_of_can_fd(stand_in, no_obstacle, interface):
+    settings = replace(stand_in(interface), fd=True, data_bitrate_bit_s=5_000_000, options={})
+    points = {"sample_point": 66.0, "data_sample_point": 66.0} if interface in ("pcan", "kvaser") else {}
+    open_bus(replace(settings, options=points)).bus.shutdown()
+    told = {key: value for key, value in StandIn.opened_with.items() if key not in ("channel", "bitrate")}
+    timing = told.pop("timing", None)
+    assert told == {"fd": True, "data_bitrate": 5_000_000}
+    if points:
+        assert (timing.nom_bitrate, timing.data_bitrate) == (1_000_000, 5_000_000)
+        assert (timing.nom_sample_point, timing.data_sample_point) == pytest.approx((66.0, 66.0), abs=4.0)
+
+
 # ---- socketcan: what the kernel says -------------------------------------------------------------------------------
 
 
@@ -213,9 +235,28 @@ def test_can_links(network):
     ],
 )
 def test_obstacles_of_socketcan(network, monkeypatch, channel, real, words):
-    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel: real)
+    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel, _timing: real)
     found = socketcan.obstacle_of(CanBusSettings("b", "socketcan", channel, 500_000), network, has_sockets=True)
     assert (found is None) if words is None else (words in (found or ""))
+
+
+@pytest.mark.parametrize(
+    ("mtu", "rates", "words"),
+    [
+        ("72", (1_000_000, 5_000_000), None),
+        ("16", (1_000_000, 5_000_000), "the link carries no CAN FD frames; `sudo ip link set can0 down` and `sudo ip "),
+        ("72", (1_000_000, 2_000_000), "the link sends data at 2000000 bit/s, but the rig file says 5000000"),
+        ("72", (None, None), None),
+    ],
+)
+def test_obstacles_of_socketcan_with_can_fd(network, monkeypatch, mtu, rates, words):
+    (network / "can0" / "mtu").write_text(f"{mtu}\n")
+    real = dict(zip(("bittiming", "data_bittiming"), rates, strict=True))
+    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel, timing: real[timing])
+    found = socketcan.obstacle_of(replace(GOOD["fdcanusb"], interface="socketcan", channel="can0"), network, True)
+    assert (found is None) if words is None else (words in (found or ""))
+    if found:
+        assert "up type can bitrate 1000000 dbitrate 5000000 fd on`" in found
 
 
 def test_a_kernel_without_can(network):

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from norton_drivers.codecs.can_frames import FD_LENGTHS
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream, decode_flags, encode_flags
 
@@ -15,19 +16,40 @@ TABLE = [
     (SlcanFrame(0x7FF, b"", 0), b"t7FF0\r"),
     (SlcanFrame(0x123, b"", 8, remote=True), b"r1238\r"),
     (SlcanFrame(0x1FFFFFFF, b"", 2, extended=True, remote=True), b"R1FFFFFFF2\r"),
+    (SlcanFrame(0x100, bytes(12), 12, fd=True), b"d1009" + b"00" * 12 + b"\r"),
+    (SlcanFrame(0x8001, bytes(64), 64, extended=True, fd=True), b"D00008001F" + b"00" * 64 + b"\r"),
+    (SlcanFrame(0x100, b"\x50", 1, fd=True, switched=True), b"b100150\r"),
+    (SlcanFrame(0x8001, bytes(24), 24, extended=True, fd=True, switched=True), b"B00008001C" + b"00" * 24 + b"\r"),
 ]
 STANDARD = st.builds(lambda i, d: SlcanFrame(i, d, len(d)), st.integers(0, 0x7FF), st.binary(max_size=8))
 EXTENDED = st.builds(
     lambda i, d: SlcanFrame(i, d, len(d), extended=True), st.integers(0, 0x1FFFFFFF), st.binary(max_size=8)
 )
 REMOTE = st.builds(lambda i, n: SlcanFrame(i, b"", n, remote=True), st.integers(0, 0x7FF), st.integers(0, 8))
-FRAMES = st.one_of(STANDARD, EXTENDED, REMOTE)
+FLEXIBLE = st.builds(
+    lambda i, n, extended, switched: SlcanFrame(i, b"\xa5" * n, n, extended, fd=True, switched=switched),
+    st.integers(0, 0x7FF),
+    st.sampled_from(FD_LENGTHS),
+    st.booleans(),
+    st.booleans(),
+)
+FRAMES = st.one_of(STANDARD, EXTENDED, REMOTE, FLEXIBLE)
 
 
 @pytest.mark.parametrize(("frame", "line"), TABLE)
 def test_both_directions(frame, line):
     assert frame.encode() == line
     assert SlcanFrame.decode(line[:-1]) == frame
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [SlcanFrame(1, bytes(9), 9, fd=True), SlcanFrame(1, bytes(12), 12), SlcanFrame(0x800, b"", 0)],
+    ids=["no length of CAN FD", "no length of classical CAN", "identifier"],
+)
+def test_what_no_bus_carries_is_not_sent(frame):
+    with pytest.raises(CodecError, match="no such frame has"):
+        frame.encode()
 
 
 def test_an_adapters_time_stamp_is_passed_over():
@@ -52,6 +74,9 @@ def test_an_adapters_time_stamp_is_passed_over():
         b"t 10100",
         b"t8000",
         b"T200000000",
+        b"d1009" + b"00" * 11,
+        b"b8000",
+        b"D00008001G",
     ],
 )
 def test_what_is_no_frame(line):
@@ -95,7 +120,7 @@ def test_a_line_without_end_does_not_grow():
 
 def test_the_end_of_a_line_too_long_is_no_frame():
     at_once, by_byte = SlcanStream(), SlcanStream()
-    data = b"x" * 70 + b"t1000\rt2000\r"
+    data = b"x" * 170 + b"t1000\rt2000\r"
     at_once.feed(data)
     for byte in data:
         by_byte.feed(bytes([byte]))

@@ -10,8 +10,8 @@ from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.ranges import Ranges
 from norton_drivers.errors import DeviceError, WiringError
 from norton_drivers.mit import MitOptions
-from norton_drivers.servo import Servo
-from norton_drivers.spoken_to.goals import FURTHEST_RAD, LED_RAD_S, Goals
+from norton_drivers.servo import FURTHEST_RAD, LED_RAD_S, Servo
+from norton_drivers.spoken_to.goals import Goals
 
 MS = 1_000_000
 RANGES = Ranges(3.2, 50.0, 2.0)

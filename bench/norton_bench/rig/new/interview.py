@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 
-from can.interfaces import VALID_INTERFACES
 from pydantic import ValidationError
 
 from norton_bench.rig.driver_options import LOAD_UNIT, Declared, declared_by, same_unit
@@ -18,6 +17,7 @@ from norton_bench.rig.new.options import (
     Section,
     ask_options,
     bitrate_for,
+    data_bitrate_for,
     options_of,
     quoted,
     rig_text,
@@ -26,7 +26,7 @@ from norton_bench.rig.new.twin import ask_twin
 from norton_bench.rig.rig import NO_MODEL
 from norton_bench.units import QUANTITY, check_unit, parse_quantity
 from norton_drivers import registry
-from norton_drivers.adapters.table import ADAPTERS, UNKNOWN, mistakes
+from norton_drivers.adapters.table import ADAPTERS, INTERFACES, UNKNOWN, mistakes
 from norton_drivers.discovery import FoundPort
 from norton_drivers.wiring import CanBusSettings, written_as
 
@@ -87,7 +87,11 @@ class Interview:
         section = Section("rig")
         name = Question("rig.name", "a name for the bench: letters, digits, . _ -", self.name)
         section.add("name", quoted(self.ask.ask(name)), "files are named after it")
-        section.add("rate", self._quantity("rig.rate", "how often the loop runs", "Hz", "1 kHz"), "of the loop")
+        section.add(
+            "rate",
+            self._quantity("rig.rate", "how often the loop runs (servos on a shared line: 400 Hz)", "Hz", "1 kHz"),
+            "of the loop",
+        )
         section.add("backend", quoted("hardware"), "or by --backend on the command line: hardware, simulated")
         return section
 
@@ -222,7 +226,9 @@ class Interview:
         self._tell_ports("CAN adapters plugged in", [port for _, port in result])
         likely = result[0][0] if result else "socketcan"
         text = f"its interface in python-can: {', '.join(ADAPTERS)}, ..."
-        interface = self._choice(Question(f"bus.{name}.interface", text, likely), sorted(VALID_INTERFACES))
+        data_bitrate = data_bitrate_for(on_it)
+        known = sorted(each for each in INTERFACES if data_bitrate is None or ADAPTERS.get(each, UNKNOWN).fd)
+        interface = self._choice(Question(f"bus.{name}.interface", text, likely), known)
         adapter = ADAPTERS.get(interface, UNKNOWN)
         channel = next((port.channel for kind, port in result if kind == interface), None)
         section = Section(f"bus.{name}")
@@ -234,6 +240,10 @@ class Interview:
         section.add(
             "bitrate", self._quantity(f"bus.{name}.bitrate", question, "bit/s", bitrate), "as set in every device on it"
         )
+        if data_bitrate is not None:
+            section.add("fd", "true", "it carries CAN FD frames")
+            text = "the bitrate of the data in CAN FD frames"
+            section.add("data_bitrate", self._quantity(f"bus.{name}.data_bitrate", text, "bit/s", data_bitrate), text)
         self._more_options(section, name, interface)
         return section
 

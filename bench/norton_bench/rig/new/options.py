@@ -319,6 +319,12 @@ def bitrate_for(devices: Sequence[tuple[str, str]], rate_hz: float) -> tuple[str
     )
 
 
+def data_bitrate_for(devices: Sequence[tuple[str, str]]) -> str | None:
+    """What the data of CAN FD frames go at, where a device on the bus sends such."""
+    declared = (declared_by(registry.group_of(role), driver).data_bitrate for role, driver in devices)
+    return next(filter(None, declared), None)
+
+
 def _delivered(role: str, driver: str) -> str | None:
     """The bitrate that its maker sets, where its driver knows one."""
     return declared_by(registry.group_of(role), driver).bitrate

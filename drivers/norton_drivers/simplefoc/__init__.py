@@ -1,0 +1,1 @@
+"""SimpleFOC boards, spoken to through the library's Commander."""
