@@ -33,7 +33,7 @@ class CubeMarsActuator:
         self._options = options = parse_options(CubeMarsOptions, context.settings)
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
-        self._amplifier = ReleasingAmplifier(
+        self.amplifier = ReleasingAmplifier(
             context,
             self._machine,
             FAULTS,
@@ -41,7 +41,7 @@ class CubeMarsActuator:
             timeout_s=options.watchdog_s,
             per_ampere=options.per_ampere,
         )
-        self.heating = self._amplifier.heating
+        self.heating = self.amplifier.heating
         self._zero_rad = 0.0
         self._frozen: tuple[float, float] | None = None
         self._connector = context.can_connector()
@@ -50,10 +50,10 @@ class CubeMarsActuator:
 
     @property
     def armed(self) -> bool:
-        return self._amplifier.running
+        return self.amplifier.running
 
     def break_down(self, fault: DriveFault) -> None:
-        self._amplifier.break_down(fault)
+        self.amplifier.break_down(fault)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -68,7 +68,7 @@ class CubeMarsActuator:
         erpm = velocity_rad_s / self._options.rad_s_per_erpm
         current_a = self._plant.current_a(self._machine) if self.armed else 0.0
         warmth_c = min(int(self.heating.temperature_c), 127)
-        told = Upload(tenths, erpm, current_a, warmth_c, self._amplifier.fault)
+        told = Upload(tenths, erpm, current_a, warmth_c, self.amplifier.fault)
         self._connector.send(vesc.arbitration_id(protocol.UPLOAD, self._options.node), told.encode(), extended=True)
 
     def _motion(self) -> tuple[float, float]:
@@ -84,7 +84,7 @@ class CubeMarsActuator:
             return
         try:
             if packet == Packet.SET_CURRENT:
-                self._amplifier.set_current(vesc.current_of(message.data))
+                self.amplifier.set_current(vesc.current_of(message.data))
             elif packet == SET_ORIGIN:
                 self._zero_rad = self._plant.encoder_position_rad(self._machine)
         except CodecError:

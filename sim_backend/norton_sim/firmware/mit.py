@@ -39,7 +39,8 @@ class MitMotor:
         self._world = context.world
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
-        servo = self._options.servo
+        self.timeout_s = options.watchdog_s
+        servo = options.servo
         # The plant's amplifier is told of in amperes per unit of the rig's command: there, a radian of error.
         self._nm_per_unit = 1.0 if servo is None else servo.stiffness_nm_rad
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
@@ -131,8 +132,7 @@ class MitMotor:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)
         if self.heating.too_hot:
             self._stop_with(TOO_HOT)
-        timeout_ns = round(self._options.watchdog_s * 1e9)
-        if self._armed and timeout_ns and stamp_ns - self._commanded_ns > timeout_ns:
+        if self._armed and self.timeout_s and stamp_ns - self._commanded_ns > self.timeout_s * 1e9:
             self._goal = RELEASED
             self._push(0.0)
 

@@ -16,8 +16,8 @@ MOST_CURRENT_A = 60.0
 
 
 class ReleasingAmplifier:
-    """One motor's. ``fault`` is its code, 0 for none; ``faults`` has the codes. ``timed_out``: its timeout has acted
-    since the last command."""
+    """One motor's. ``fault`` is its code, 0 for none; ``faults`` has the codes. ``timeout_s`` is 0 for none;
+    ``timed_out``: it has acted since the last command."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class ReleasingAmplifier:
         self.on_release: Callable[[], None] = lambda: None
         self._codes = faults
         self._minimum_current_a = minimum_current_a
-        self._timeout_ns = round(timeout_s * 1e9)
+        self.timeout_s = timeout_s
         self._per_ampere = per_ampere
         self._world = context.world
         self._plant = context.world.plant
@@ -78,6 +78,6 @@ class ReleasingAmplifier:
             self.break_down(DriveFault.OVER_TEMPERATURE)
         elif self.fault and stamp_ns >= self._ignores_until_ns:
             self.fault = 0
-        if self._timeout_ns and stamp_ns - self._commanded_ns > self._timeout_ns:
+        if self.timeout_s and stamp_ns - self._commanded_ns > self.timeout_s * 1e9:
             self.timed_out = True
             self.release()

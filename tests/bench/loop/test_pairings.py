@@ -133,8 +133,9 @@ def test_the_timeout_is_seen_at_work_without_moving_the_shaft(driver: str, probe
     with opened(parse_rig(text, place="probed")) as bench:
         actuator, link = bench.devices.actuator, bench.devices.link
         if not works:  # the drive's own setting is another than the rig's
-            set_in_drive = actuator.options.model_copy(update={"watchdog_s": 0.0})  # type: ignore[attr-defined]
-            bench.backend.world.devices["actuator"]._options = set_in_drive  # type: ignore[attr-defined]
+            firmware = bench.backend.world.devices["actuator"]
+            timed = firmware.motor.amplifier if driver == "vesc" else firmware  # type: ignore[attr-defined]
+            timed.timeout_s = 0.0  # type: ignore[attr-defined]
         actuator.enable()
         start_rad = bench.backend.world.plant.true_position_rad("actuator")
         actuator.provoke_watchdog()
