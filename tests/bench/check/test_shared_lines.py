@@ -1,4 +1,4 @@
-"""Servos that share a line, mis-set in every way that the bench should notice: each told in a sentence with the mend."""
+"""Servos that share a line, mis-set in every way that the bench should notice: each told with the mend."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,8 @@ from norton_bench.check.check import check_rig
 from norton_bench.rig.load import load_rig
 
 RIGS = Path(__file__).parents[3] / "rigs"
-DYNAMIXEL = "[actuator] dynamixel on socket://localhost:7671: nothing answers as the rig file says, but at "
-FEETECH = "[actuator] feetech on socket://localhost:7674: nothing answers as the rig file says, but at "
+DYNAMIXEL = "[actuator] dynamixel on socket://localhost:7711: nothing answers as the rig file says, but at "
+FEETECH = "[actuator] feetech on socket://localhost:7714: nothing answers as the rig file says, but at "
 
 
 def sentences(name: str, **device: Any) -> list[str]:
@@ -54,7 +54,7 @@ def test_a_bench_in_order(name: str) -> None:
         (
             "sim-feetech",
             {"type": "STS3250"},
-            "[actuator] Feetech servo 1 on socket://localhost:7674: is STS3250, not the STS3215 of the rig file, which "
+            "[actuator] Feetech servo 1 on socket://localhost:7714: is STS3250, not the STS3215 of the rig file, which "
             "would read its numbers wrongly; correct type",
         ),
     ],
