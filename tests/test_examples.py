@@ -116,6 +116,9 @@ LACKS |= dict.fromkeys(product(["in-situ"], BY_TABLES), "")
 LACKS |= dict.fromkeys(product((*SESSIONS, "in-situ"), ["sim-servo"]), "the command of this actuator is a position")
 LACKS["quick", "sim-servo"] = "'imposed' asks for 20 rad/s"
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-servo"]), "")
+LACKS |= {
+    (session, "sim-dynamixel-servo"): LACKS[session, "sim-servo"] for session in (*SESSIONS, "in-situ", *TABULATE)
+}
 GEARED = ("sim-dynamixel", "sim-feetech")
 LACKS |= dict.fromkeys(product(("in-situ", "refine", "zero-torque", *TABULATE), GEARED), "")
 LACKS |= dict.fromkeys(product(("characterise", "quick"), GEARED), "'imposed' asks for [24]0 rad/s")
