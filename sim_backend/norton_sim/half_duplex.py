@@ -94,6 +94,10 @@ class Tap:
     def host_baud(self) -> int | None:
         return self._line.port.wire.host_baud
 
+    @property
+    def paced(self) -> bool:
+        return self._line.port.wire.paced
+
     def attach(self, plug: SerialConnector) -> None:
         self.plug = plug
 

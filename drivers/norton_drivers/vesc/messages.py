@@ -91,17 +91,19 @@ _DEVICE = "a VESC"
 # CAN_PACKET_STATUS to CAN_PACKET_STATUS_6 (datatypes.h); the sixth has eight bytes, as all have but the fifth of old.
 _STATUSES = {Packet.STATUS: 1, 14: 2, 15: 3, Packet.STATUS_4: 4, Packet.STATUS_5: 5, 58: 6}
 _COMMANDS = frozenset((0, 1, 2, 3, 4, 10, 11, 12, 13))  # duty, current, brake, speed, position, and relative ones
+_PONG_BYTES = 2
 _PIECES = (Packet.FILL_RX_BUFFER, Packet.FILL_RX_BUFFER_LONG)
 _FROM_SENDER = (Packet.PROCESS_RX_BUFFER, Packet.PROCESS_SHORT_BUFFER)
 
 
 def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | None:
-    """Status messages and pongs are sure: nobody else has 29-bit identifiers as low as these."""
+    """Status messages and pongs are sure: nobody else has 29-bit identifiers as low as these, but a RobStride motor
+    when it is switched on, in whose greeting 0xFE is where the controller id would be."""
     packet, node = protocol.split_id(message.arbitration_id)
     if not message.is_extended_id or message.is_remote_frame:
         return None
     if packet in _STATUSES and message.dlc in (6, 8):
-        return Recognised(_DEVICE, f"STATUS_{_STATUSES[packet]}", {"node": node})
+        return Recognised(_DEVICE, f"STATUS_{_STATUSES[packet]}", {"node": node}, sure=node != protocol.NODE_MAX)
     if packet in _COMMANDS:
         return Recognised(_DEVICE, "command", {"node": node}, sure=False, from_host=True)
     return _answer(packet, message, node == options.get("host_node", protocol.NODE_MAX))
@@ -109,7 +111,7 @@ def recognise(message: can.Message, options: Mapping[str, Any]) -> Recognised | 
 
 def _answer(packet: int, message: can.Message, to_us: bool) -> Recognised | None:
     """What is sent to whoever asked; its first byte is the sender, where it is not a mere part of an answer."""
-    if packet == Packet.PONG and message.dlc:
+    if packet == Packet.PONG and 0 < message.dlc <= _PONG_BYTES:
         return Recognised(_DEVICE, "pong", {"node": message.data[0]})
     if packet in _FROM_SENDER and message.dlc and to_us:
         return Recognised(_DEVICE, "answers", {"node": message.data[0]}, sure=False)

@@ -19,9 +19,10 @@ PORT = "socket://localhost:7641"
 
 stamps = st.integers(0, 2**62)
 values = st.floats(allow_nan=False, width=64)
-motions = st.builds(MotionReading, st.integers(0, 2**40), stamps, values, values)
-torques = st.builds(TorqueReading, st.integers(0, 2**40), stamps, values, st.none() | stamps, st.booleans())
-currents = st.builds(CurrentReading, st.integers(0, 2**40), stamps, values)
+asked = st.none() | stamps
+motions = st.builds(MotionReading, st.integers(0, 2**40), stamps, values, values, asked)
+torques = st.builds(TorqueReading, st.integers(0, 2**40), stamps, values, asked, st.booleans())
+currents = st.builds(CurrentReading, st.integers(0, 2**40), stamps, values, asked)
 few = {"min_size": 1, "max_size": 3}
 readings = {"motion": motions, "load_motion": motions, "torque": torques, "current": currents, "load_current": currents}
 arrived = st.fixed_dictionaries({}, optional={name: st.lists(each, **few) for name, each in readings.items()})

@@ -168,4 +168,4 @@ def test_the_errors_are_those_a_third_party_names():
     for code, word in words.items():
         assert word in mit.describe_error(code)
     assert "encoder" in theirs[5].lower()
-    assert mit.describe_error(77) == "unknown error 77"
+    assert mit.describe_error(77).startswith("unknown error 77")
