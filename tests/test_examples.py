@@ -117,10 +117,12 @@ LACKS |= dict.fromkeys(product(["in-situ"], BY_TABLES), "")
 LACKS |= dict.fromkeys(product((*SESSIONS, "in-situ"), ["sim-servo"]), "the command of this actuator is a position")
 LACKS["quick", "sim-servo"] = "'imposed' asks for 20 rad/s"
 LACKS |= dict.fromkeys(product(TABULATE, ["sim-servo"]), "")
+EVERY = (*SESSIONS, "in-situ", *TABULATE)
+LACKS |= {(session, "sim-dynamixel-servo"): LACKS[session, "sim-servo"] for session in EVERY}
 GEARED = ("sim-dynamixel", "sim-feetech")
 LACKS |= dict.fromkeys(product(("in-situ", "refine", "zero-torque", *TABULATE), GEARED), "")
 LACKS |= dict.fromkeys(product(("characterise", "quick"), GEARED), "'imposed' asks for [24]0 rad/s")
-LACKS |= {(session, "sim-dynamixel-alone"): "needs a load drive" for session in (*SESSIONS, "in-situ", *TABULATE)}
+LACKS |= {(session, "sim-dynamixel-alone"): "needs a load drive" for session in EVERY}
 
 
 def test_every_session_and_rig_that_is_shipped_is_looked_at() -> None:

@@ -7,7 +7,7 @@ from random import Random
 from typing import TypeVar
 
 from norton_drivers.codecs import fdcanusb
-from norton_drivers.codecs.can_frames import FD_LENGTHS, LineFrame
+from norton_drivers.codecs.can_frames import LineFrame
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.fdcanusb import FdcanusbFrame
 from norton_drivers.codecs.slcan import SlcanFrame, SlcanStream
@@ -100,9 +100,9 @@ class FdcanusbLine:
 
 
 def _random_frame(kind: type[Framed], random: Random) -> Framed:
-    extended, fd = random.random() < 0.5, random.random() < 0.5
+    extended, fd = random.random() < 0.5, random.random() < 0.2
     remote = not fd and random.random() < 0.1
-    length = random.choice(FD_LENGTHS[1:] if fd else range(1, 9))
+    length = random.choice((1, 2, 3, 5, 8, 12, 12, 64) if fd else range(1, 9))
     data = b"" if remote else random.randbytes(length)
     identifier = random.getrandbits(29 if extended else 11)
     return kind(identifier, data, length, extended, remote, fd, fd and random.random() < 0.5)

@@ -34,7 +34,7 @@ _NAMES: dict[tuple[int, int], UsbName] = {
     (0x1209, 0x2323): UsbName(_GS_USB, "socketcan"),
     (0x1209, 0xCA01): UsbName("CANnectivity CAN adapter", "socketcan"),
     (0x1209, 0x0D32): UsbName("ODrive's own USB port"),
-    (0x0483, 0x5740): UsbName("STM32 serial port: a VESC's own, an slcan adapter, or another", "slcan"),
+    (0x0483, 0x5740): UsbName("STM32 serial port: a VESC's own, an slcan adapter, an fdcanusb, or another", "slcan"),
     (0x0403, 0x6001): UsbName("FTDI serial adapter"),
     (0x0403, 0x6010): UsbName("FTDI serial adapter, two ports"),
     (0x0403, 0x6014): UsbName("FTDI serial adapter"),

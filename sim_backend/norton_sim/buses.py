@@ -143,6 +143,8 @@ class SimulatedBus(can.BusABC):
 class SimulatedSerialWire:
     """A serial line to one device; bytes that it sends while no host has it open are lost."""
 
+    paced = True
+
     def __init__(self, world: World, to_host: Delay, to_device: Delay) -> None:
         self._world = world
         self._delay = to_host

@@ -280,6 +280,11 @@ class SerialWire(Protocol):
         """The rate at which the host has the line open; None where nobody can say."""
         ...
 
+    @property
+    def paced(self) -> bool:
+        """Whether bytes take their time on it; else the host may have them before they can have been sent."""
+        ...
+
 
 class Plug(ABC):
     """What every plug can suffer. One that nobody tampers with calls its wire and its device directly."""

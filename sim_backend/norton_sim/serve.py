@@ -118,6 +118,8 @@ class ServedBus:
 class ServedLine:
     """A serial line with one device, on a pseudo-terminal at a path, or over TCP."""
 
+    paced = False
+
     def __init__(self, path: str, wall: _WallTime) -> None:
         self._wall = wall
         self._port = served_port(path)

@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     text = text[:begin] + FEETECH + text[end:]
     bus, actuator = text.index("[bus.can0]"), text.index("[actuator]")
     text = text[:bus] + text[actuator:]
-    lines = {"socket://localhost:7671": "dynamixel", "socket://localhost:7672": "bota"}
+    lines = {"socket://localhost:7711": "dynamixel", "socket://localhost:7712": "bota"}
     for address, name in lines.items():
         text = text.replace(address, str(folder / name))
     text = text.replace("4_000_000", "1_000_000").replace("FOLDER", str(folder))

@@ -74,11 +74,13 @@ def watch(watched: Sequence[Watched], link: Link, watch_s: float, tick_ns: int) 
     for each in watched:
         for take in each.takes.values():
             take()  # what came while the others were asked is no sign of a steady rate
-    end_ns = link.clock.now_ns() + round(watch_s * 1e9)
+    deadline_ns = link.clock.now_ns()
+    end_ns = deadline_ns + round(watch_s * 1e9)
     try:
         link.ask_adapters()
-        while link.clock.now_ns() < end_ns:
-            link.wait(tick_ns)
+        while (now_ns := link.clock.now_ns()) < end_ns:
+            deadline_ns = max(deadline_ns + tick_ns, now_ns)
+            link.wait(deadline_ns - now_ns)
             for each in watched:
                 _take(each, link.clock.now_ns())
     except DeviceError as error:

@@ -83,12 +83,14 @@ class LowLatencySerial:
 class EagerSocket(LowLatencySerial):
     """The same for ``socket://host:port``, a serial line behind TCP, of which pyserial hands out byte by byte.
 
-    No thread of the system's stands between: a computer with other work hands on at once what has come.
+    No thread of the system's stands between: a computer with other work hands on at once what has come. Nor does a
+    second write wait until the far end has acknowledged the first (Nagle's algorithm), for which it may take 40 ms.
     """
 
     def __init__(self, line: serial.Serial) -> None:
         super().__init__(line)
         self._socket = socket.fromfd(self._descriptor, socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     @property
     def in_waiting(self) -> int:

@@ -22,7 +22,7 @@ from norton_drivers.ports import SerialPort
 # acted; one that is silent while others are not, more seldom.
 IDLE_NS, TESTED_NS, SILENT_NS = 5_000_000, 20_000_000, 100_000_000
 # Answers that are later than the adapter's latency by this are lost.
-TIMEOUT_NS = 20_000_000
+TIMEOUT_NS = 8_000_000
 MISSED_MOST = 2
 APART_NS = 1_000_000_000
 

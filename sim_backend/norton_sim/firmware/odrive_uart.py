@@ -86,7 +86,7 @@ class ODriveText:
 
     def _respond(self, text: str, summed: bool) -> None:
         """What comes while the last response is still being sent is dropped."""
-        if self._world.now_ns < self._sent_ns:
+        if self._world.now_ns < self._sent_ns and self._connector.wire.paced:
             return
         data = ascii_protocol.line(text, b"\r\n") if summed else f"{text}\r\n".encode()
         self._sent_ns = self._world.now_ns + round(len(data) * self._byte_ns)

@@ -3,7 +3,7 @@
 import pytest
 
 from norton_bench.check.buses import check_bus, two_rhythms
-from norton_bench.check.survey import BusSurvey
+from norton_bench.check.survey import BusSurvey, bits_of
 from norton_drivers.codecs import vesc as protocol
 from norton_drivers.codecs.vesc import Packet
 from norton_drivers.readings import RawFrame
@@ -51,3 +51,32 @@ def test_two_vescs_that_answer_the_same_host_are_not_one_address(phase_ns: int) 
 def test_two_vescs_of_one_node_are_told_by_their_answers(others: tuple[tuple[int, int], ...]) -> None:
     (alarm,) = alarms(survey_of((1, 0), (1, 700_000), *others))
     assert "two devices share the address of [actuator] (0x000008FE comes from two senders)" in alarm
+
+
+# The longest frames without stuff bits, by ISO 11898-1:2015: CAN FD with 64 bytes has 29 bits at the first rate
+# (extended 48), and 550 at the second, its CRC's fixed stuff bits among them.
+@pytest.mark.parametrize(
+    ("frame", "first", "second"),
+    [
+        (RawFrame(0, "c", True, bytes(8), 1), 111, 0),
+        (RawFrame(0, "c", True, bytes(8), 1, extended=True), 131, 0),
+        (RawFrame(0, "c", True, b"", 1, remote=True), 47, 0),
+        (RawFrame(0, "c", True, bytes(64), 1, fd=True, switched=True), 29, 550),
+        (RawFrame(0, "c", True, bytes(16), 1, extended=True, fd=True, switched=True), 48, 161),
+        (RawFrame(0, "c", True, bytes(16), 1, fd=True), 29 + 161, 0),
+    ],
+)
+def test_bits_of_a_frame(frame: RawFrame, first: int, second: int) -> None:
+    told_first, told_second = bits_of(frame)
+    assert first <= told_first <= 1.06 * first
+    assert second <= told_second <= 1.06 * second
+
+
+def test_the_load_of_a_bus_with_two_rates() -> None:
+    survey, frame = BusSurvey(), RawFrame(0, "can0", False, bytes(32), 0x100, fd=True, switched=True)
+    for _ in range(1000):
+        survey.note(frame)
+    bus = CanBusSettings("can0", "udp_multicast", "239.74.163.9", fd=True, data_bitrate_bit_s=5_000_000)
+    assert check_bus(bus, survey, [], {}, {}, 1.0).load == pytest.approx(0.030 + 0.061, abs=0.003)
+    with_one = CanBusSettings("can0", "udp_multicast", "239.74.163.9", fd=True)
+    assert check_bus(with_one, survey, [], {}, {}, 1.0).load == pytest.approx(0.030 + 5 * 0.061, abs=0.01)

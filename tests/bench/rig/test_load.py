@@ -155,6 +155,14 @@ def test_the_simulated_section_is_passed_on_unread() -> None:
     assert parse_rig(GOOD, place="r.toml").simulated == {"anything": [1, 2]}
 
 
+def test_a_bus_with_can_fd() -> None:
+    (bus, _) = load_rig(RIGS / "sim-moteus.toml").wiring.buses
+    assert (bus.fd, bus.bitrate_bit_s, bus.data_bitrate_bit_s, bus.switches_bitrate) == (True, 10**6, 5 * 10**6, True)
+    assert bus.rates == "1000000 bit/s (data 5000000 bit/s)"
+    (classical,) = parse_rig(GOOD, place="r.toml").wiring.buses
+    assert (classical.fd, classical.switches_bitrate, classical.rates) == (False, False, "500000 bit/s")
+
+
 def test_the_backend_can_be_overridden() -> None:
     assert parse_rig(GOOD, place="r.toml", backend="simulated").backend == "simulated"
 
@@ -230,6 +238,26 @@ ONE_MISTAKE = {
         '"socketcan"',
         '"socketcn"',
         'r.toml: [bus.can0] interface: "socketcn" is no interface of python-can; did you mean "socketcan"?',
+    ),
+    "data bitrate without CAN FD": (
+        'bitrate = "500 kbit/s"',
+        'bitrate = "500 kbit/s"\ndata_bitrate = "2 Mbit/s"',
+        "r.toml: [bus.can0] data_bitrate: is of CAN FD alone; write fd = true, or leave it out",
+    ),
+    "data bitrate below the other": (
+        'bitrate = "500 kbit/s"',
+        'bitrate = "500 kbit/s"\nfd = true\ndata_bitrate = "250 kbit/s"',
+        "r.toml: [bus.can0] data_bitrate: is below bitrate; the data of CAN FD go at least as fast as the rest",
+    ),
+    "no CAN FD on this interface": (
+        'interface = "socketcan"\nchannel = "can0"\nbitrate = "500 kbit/s"\noptions = { fd = false }',
+        'interface = "gs_usb"\nchannel = "0"\nfd = true',
+        "r.toml: [bus.can0] fd: gs_usb cannot carry CAN FD frames here; take another interface: socketcan, slcan, ",
+    ),
+    "a device that needs CAN FD": (
+        'driver = "odrive"\nbus = "can0"\nnode = 2',
+        'driver = "moteus"\nbus = "can0"\nnode = 2',
+        'r.toml: [bus.can0] fd: [load] driver = "moteus" sends CAN FD frames; write fd = true and data_bitrate = "5 ',
     ),
     "unknown backend": (
         '"hardware"',

@@ -23,7 +23,7 @@ from norton_sim.backend import SimulatedBackend
 RIGS = Path(__file__).parents[3] / "rigs"
 PAIR = (RIGS / "sim-feetech.toml").read_text(encoding="utf-8")
 DYNAMIXEL = """driver = "dynamixel"
-port = "socket://localhost:7674"
+port = "socket://localhost:7714"
 type = "XM430-W210"
 baud = 4_000_000
 watchdog = "300 ms"
@@ -40,7 +40,7 @@ def dynamixel_pair(**changes: str) -> str:
         kept = [
             line
             for line in part.split("\n")
-            if not line.startswith(('port = "socket://localhost:7674', "type =", "baud =", "mode =", "stall_torque ="))
+            if not line.startswith(('port = "socket://localhost:7714', "type =", "baud =", "mode =", "stall_torque ="))
         ]
         part = "\n" + DYNAMIXEL + mode + "\n".join(kept)
         actuator, load = (part, load) if old == "actuator" else (actuator, part)
@@ -148,7 +148,7 @@ def test_a_servo_that_shut_itself_down_is_rebooted_on_enabling(opened: Opened) -
 def test_a_servo_that_is_set_up_otherwise_is_told(opened: Opened, device: str, sentence: str) -> None:
     text = dynamixel_pair().replace("[simulated.actuator] ", f"[simulated.actuator]\ndevice = {device} ")
     devices, _ = opened(text)
-    with pytest.raises(DeviceError, match=r"^\[actuator\] Dynamixel 1 on socket://localhost:7674: .*" + sentence):
+    with pytest.raises(DeviceError, match=r"^\[actuator\] Dynamixel 1 on socket://localhost:7714: .*" + sentence):
         devices.actuator.identify(0.3)
     assert devices.load is not None
     devices.load.identify()
@@ -216,7 +216,7 @@ def test_what_a_line_carries_is_worked_out_by_hand() -> None:
             "at 1000000 baud one cycle .* 1 ms in the adapter: .* not 1000 Hz;",
         ),
         (("node = 2", "node = 1"), r"\[load\]: node 1 on the port .* belongs to \[actuator\] already"),
-        (("localhost:7675", "localhost:7674"), r"\[torque_sensor\] port: .* is a line that servos share"),
+        (("localhost:7715", "localhost:7714"), r"\[torque_sensor\] port: .* is a line that servos share"),
         (('type = "STS3215"', 'type = "STS9"'), r"\[actuator\] type: .*not a model that is known here"),
     ],
 )
