@@ -60,6 +60,7 @@ SECTION = re.compile(r"^\[(?P<name>[^\]]+)\]", re.MULTILINE)
 NORMAL_MEDIAN = 0.6745  # of the absolute value, in deviations
 TENTHS = 10
 Found = TypeVar("Found")
+Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,7 @@ def drawn(seed: int) -> tuple[Bench, str]:
     """The bench of this seed, and its rig file."""
     rng = np.random.default_rng([seed, 20260])
     drive, sensor = str(rng.choice(DRIVES)), str(rng.choice(list(SENSORS)))
-    text = _with_sensor((RIGS / f"sim-{drive}.toml").read_text(encoding="utf-8"), sensor)
+    text = with_sensor((RIGS / f"sim-{drive}.toml").read_text(encoding="utf-8"), sensor)
 
     def times(section: str, key: str, factor: float) -> None:
         nonlocal text
@@ -154,7 +155,7 @@ def span(text: str, section: str) -> tuple[int, int]:
     return headers[at].start(), headers[at + 1].start() if at + 1 < len(headers) else len(text)
 
 
-def _with_sensor(text: str, sensor: str) -> str:
+def with_sensor(text: str, sensor: str) -> str:
     """The rig file with the torque sensor of another one."""
     other = (RIGS / f"{SENSORS[sensor]}.toml").read_text(encoding="utf-8")
     for section in ("torque_sensor", "simulated.torque_sensor", "simulated.transport"):
@@ -244,11 +245,12 @@ def carried_out(work: Callable[[int], Outcome | None], seeds: Iterable[int], job
 
 
 def carried_out_by(
-    work: Callable[[int], Found | None], seeds: Iterable[int], jobs: int, told: Callable[[Found], str]
+    work: Callable[[Task], Found | None], tasks: Iterable[Task], jobs: int, told: Callable[[Found], str]
 ) -> Iterator[Found]:
-    """What ``work`` finds for each seed, in turn, in processes of their own; ``told`` makes a line of progress."""
+    """What ``work`` finds for each task, such as a seed, in turn, in processes of their own; ``told`` makes a line of
+    progress."""
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for outcome in pool.map(work, seeds):
+        for outcome in pool.map(work, tasks):
             if outcome is not None:
                 print(told(outcome), file=sys.stderr, flush=True)
                 yield outcome
