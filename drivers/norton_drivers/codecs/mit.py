@@ -131,6 +131,4 @@ class Reply(NamedTuple):
 
 def describe_error(error: int) -> str:
     """CubeMars' error byte in words; unknown numbers are said as such."""
-    if error <= ERRORS_MAX:
-        return _ERRORS[error]
-    return f'unknown error {error}; a Damiao motor (driver = "damiao") has a temperature in its place'
+    return _ERRORS[error] if error <= ERRORS_MAX else f"unknown error {error}"

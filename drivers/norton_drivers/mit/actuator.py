@@ -94,6 +94,8 @@ class MitActuator(SpokenToDrive):
         self._look_at_probe(reply)
         warmth = nan if reply.temperature is None else reply.temperature + self.options.temperature_offset_c
         error = protocol.describe_error(reply.error) if reply.error else ""
+        if reply.error is not None and reply.error > protocol.ERRORS_MAX:
+            error += '; a Damiao motor (driver = "damiao") has a temperature in its place'
         codes = reply.position_code, reply.velocity_code, reply.torque_code
         self._on_answer(Answer(*codes, error=error, motor_c=warmth), arrival_ns)
 
