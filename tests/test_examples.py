@@ -91,7 +91,9 @@ def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path
 
 # What each rig can perform, of the sessions that are shipped, or what it lacks.
 SPOKEN_TO = ("sim-mit", "sim-damiao", "sim-robstride")
-WITH_LOAD = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-cubemars", "sim-moteus", *SPOKEN_TO)
+ON_SERIAL_LINES = ("sim-odrive-uart", "sim-vesc-uart", "sim-simplefoc", "sim-moteus-fdcanusb")
+ON_CAN = ("sim-odrive", "sim-dbc", "sim-dyn200", "sim-cia402", "sim-vesc", "sim-cubemars", "sim-moteus", *SPOKEN_TO)
+WITH_LOAD = (*ON_CAN, *ON_SERIAL_LINES)
 SESSIONS = ("characterise", "quick", "refine", "zero-torque")
 LACKS = dict.fromkeys(product(SESSIONS, WITH_LOAD), "")
 LACKS |= dict.fromkeys(product(SESSIONS, ["sim-free-shaft"]), "'calibrate' needs a load drive")
