@@ -25,6 +25,7 @@ from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, 
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
+from norton_drivers.adapters.table import remarks as link_remarks
 from norton_drivers.discovery import serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
@@ -88,6 +89,8 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     seen = _Seen(rig, backend, survey, known, troubles, took_s or watch_s, watch_s)
     buses = {settings.name: seen.bus(settings) for settings in rig.wiring.buses}
     remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.bitrate_bit_s)]
+    if host is not None:
+        remarks += [f"bus {bus.name}: {remark}" for bus in rig.wiring.buses for remark in link_remarks(bus)]
     return RigCheck(
         devices=tuple(seen.device(each, buses) for each in watched),
         buses=tuple(buses.values()),

@@ -28,12 +28,25 @@ class Health(Protocol):
         ...
 
 
+class LinkError(can.CanOperationError):
+    """A bus refused, for a known reason; ``mend`` is the half sentence with the remedy."""
+
+    def __init__(self, reason: str, mend: str) -> None:
+        super().__init__(reason)
+        self.mend = mend
+
+
 # A key of the rig file's section, and what is wrong with it, with the remedy.
 Mistake = tuple[str, str]
 
 
 def no_mistakes(_settings: CanBusSettings) -> Iterator[Mistake]:
     """Nothing that the rig file could say is known to be wrong."""
+    return iter(())
+
+
+def no_remarks(_settings: CanBusSettings) -> Iterator[str]:
+    """Nothing is known that might become a trouble."""
     return iter(())
 
 
@@ -85,8 +98,9 @@ def generic_mend(_settings: CanBusSettings, error: Exception) -> str:
 class Adapter:
     """One interface.
 
-    ``mistakes`` are told from the rig file alone, an ``obstacle`` from the machine; ``mend`` is the half sentence after
-    a failure to open. ``options`` are python-can's names, against which a misspelling is noticed.
+    ``mistakes`` are told from the rig file alone, an ``obstacle`` from the machine, and ``remarks`` where the bus works
+    but may not for long; ``mend`` is the half sentence after a failure to open. ``options`` are python-can's names,
+    against which a misspelling is noticed.
     """
 
     channel: str = "the adapter's channel"
@@ -94,6 +108,7 @@ class Adapter:
     options: tuple[str, ...] = ()
     mistakes: Callable[[CanBusSettings], Iterator[Mistake]] = no_mistakes
     obstacle: Callable[[CanBusSettings], str | None] = no_obstacle
+    remarks: Callable[[CanBusSettings], Iterator[str]] = no_remarks
     open: Callable[[CanBusSettings], can.BusABC] = as_python_can_does
     mend: Callable[[CanBusSettings, Exception], str] = generic_mend
     health: Callable[[can.BusABC], Health] = StateOnly

@@ -6,7 +6,11 @@ The kernel sets the bitrate, not the program that opens the bus, so that the two
 import json
 import socket
 import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+
+import can
 
 from norton_drivers.adapters.adapter import Adapter
 from norton_drivers.wiring import CanBusSettings
@@ -15,6 +19,8 @@ NETWORK = Path("/sys/class/net")
 _CAN_LINK = "280"  # ARPHRD_CAN, Linux' <linux/if_arp.h>
 _UP = 0x1  # IFF_UP, <linux/if.h>
 _PATIENCE_S = 2.0
+_VIRTUAL = "virtual"  # of /sys/devices/virtual/net, where links are that no adapter stands behind
+QUEUE_MIN = 32  # the kernel's own is 10 frames: a millisecond of a full bus at 1 Mbit/s
 
 
 def can_links(network: Path = NETWORK) -> dict[str, bool]:
@@ -23,8 +29,17 @@ def can_links(network: Path = NETWORK) -> dict[str, bool]:
     return {name: _is_up(link) for name, link in sorted(result.items()) if _read(link / "type") == _CAN_LINK}
 
 
-def real_bitrate(channel: str) -> int | None:
-    """What the kernel has set on a link [bit/s]; None where nobody can say (virtual links have none)."""
+@dataclass(frozen=True)
+class KernelLink:
+    """What the kernel says of a link; None for what it does not say (virtual links have no bitrate)."""
+
+    bitrate_bit_s: int | None = None
+    state: str | None = None  # "ERROR-ACTIVE", "ERROR-PASSIVE", "BUS-OFF", ...
+    queue_frames: int | None = None
+
+
+def kernel_link(channel: str) -> KernelLink:
+    """What ``ip`` reports; nothing where it is not installed."""
     try:
         done = subprocess.run(
             ["ip", "-details", "-json", "link", "show", channel],
@@ -32,9 +47,12 @@ def real_bitrate(channel: str) -> int | None:
             timeout=_PATIENCE_S,
             check=True,
         )
-        return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"]["bittiming"]["bitrate"])
-    except (OSError, subprocess.SubprocessError, ValueError, LookupError, TypeError):
-        return None
+        link = json.loads(done.stdout)[0]
+        of_can = link.get("linkinfo", {}).get("info_data", {})
+        bitrate_bit_s = of_can.get("bittiming", {}).get("bitrate")
+        return KernelLink(bitrate_bit_s, of_can.get("state"), link.get("txqlen"))
+    except (OSError, subprocess.SubprocessError, ValueError, LookupError, TypeError, AttributeError):
+        return KernelLink()
 
 
 def _obstacle(settings: CanBusSettings) -> str | None:
@@ -45,27 +63,56 @@ def obstacle_of(settings: CanBusSettings, network: Path = NETWORK, has_sockets: 
     """Why the link cannot be used, with the remedy."""
     if not (_kernel_has_can() if has_sockets is None else has_sockets):
         return "this kernel has no CAN sockets; `sudo modprobe can_raw`, or use another interface"
-    links = can_links(network)
-    if settings.channel not in links:
+    channel, links = settings.channel, can_links(network)
+    if channel not in links:
         known = ", ".join(links) or "none"
-        return f"there is no CAN link {settings.channel} (there is: {known}); is the adapter plugged in? see `ip link`"
-    if not links[settings.channel]:
-        return f"the link is down; {_bring_up(settings)}"
-    real = real_bitrate(settings.channel)
-    if real is not None and real != settings.bitrate_bit_s:
+        mend = (
+            f"make it: `sudo ip link add {channel} type vcan && sudo ip link set {channel} up`"
+            if channel.startswith("vcan")
+            else "is the adapter plugged in? see `ip link`"
+        )
+        return f"there is no CAN link {channel} (there is: {known}); {mend}"
+    if not links[channel]:
+        return f"the link is down; {bring_up(channel, settings.bitrate_bit_s, network)}"
+    link = kernel_link(channel)
+    if link.state == "BUS-OFF":
         return (
-            f"the link runs at {real} bit/s, but the rig file says {settings.bitrate_bit_s}; correct the file, or "
-            f"`sudo ip link set {settings.channel} down` and {_bring_up(settings)}"
+            "the controller has left the bus after too many errors (bus-off); check bitrate, wiring and termination, "
+            f"then `sudo ip link set {channel} down` and {bring_up(channel, settings.bitrate_bit_s, network)}"
+        )
+    if link.bitrate_bit_s is not None and link.bitrate_bit_s != settings.bitrate_bit_s:
+        return (
+            f"the link runs at {link.bitrate_bit_s} bit/s, but the rig file says {settings.bitrate_bit_s}; correct the "
+            f"file, or `sudo ip link set {channel} down` and {bring_up(channel, settings.bitrate_bit_s, network)}"
         )
     return None
 
 
-def _bring_up(settings: CanBusSettings) -> str:
-    return f"`sudo ip link set {settings.channel} up type can bitrate {settings.bitrate_bit_s}`"
+def remarks_of(settings: CanBusSettings) -> Iterator[str]:
+    """What the link lacks for a fast loop, with the remedy. Virtual links queue nothing and never leave the bus."""
+    link = kernel_link(settings.channel)
+    if link.bitrate_bit_s is not None and link.queue_frames is not None and link.queue_frames < QUEUE_MIN:
+        yield (
+            f"the kernel queues {link.queue_frames} frames at most, and a bus that is busy for a moment refuses more: "
+            f"`sudo ip link set {settings.channel} txqueuelen 100`"
+        )
+
+
+def bring_up(channel: str, bitrate_bit_s: int, network: Path = NETWORK) -> str:
+    """The command that sets a link up; a virtual one has no bitrate."""
+    if _VIRTUAL in (network / channel).resolve().parts:
+        return f"`sudo ip link set {channel} up`"
+    return f"`sudo ip link set {channel} up type can bitrate {bitrate_bit_s}`"
+
+
+def _open(settings: CanBusSettings) -> can.BusABC:
+    from norton_drivers.adapters.steady_socketcan import SteadySocketcanBus  # noqa: PLC0415  (Linux alone has it)
+
+    return SteadySocketcanBus(settings.channel, **{"bitrate": settings.bitrate_bit_s, **settings.options})
 
 
 def _mend(settings: CanBusSettings, _error: Exception) -> str:
-    return f"is it up? {_bring_up(settings)}"
+    return f"is it up? {bring_up(settings.channel, settings.bitrate_bit_s)}"
 
 
 def _kernel_has_can() -> bool:
@@ -92,6 +139,8 @@ SOCKETCAN = Adapter(
     channel='the network interface, e.g. "can0"',
     options=("local_loopback", "fd", "can_filters", "ignore_rx_error_frames"),
     obstacle=_obstacle,
+    remarks=remarks_of,
+    open=_open,
     mend=_mend,
     marks_own_frames=False,  # the mark means any program of this computer; the kernel keeps our own frames from us
     linux_error_frames=True,
