@@ -36,6 +36,10 @@ class LinkError(can.CanOperationError):
         self.mend = mend
 
 
+class FullQueueError(LinkError):
+    """Frames come faster than the bus takes them; this one is lost."""
+
+
 # A key of the rig file's section, and what is wrong with it, with the remedy.
 Mistake = tuple[str, str]
 

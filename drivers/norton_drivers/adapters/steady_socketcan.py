@@ -7,7 +7,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.socketcan.socketcan import build_can_frame, capture_message
 
-from norton_drivers.adapters.adapter import LinkError
+from norton_drivers.adapters.adapter import FullQueueError, LinkError
 
 _FULL = (errno.ENOBUFS, errno.EAGAIN)  # of the link's queue, or of the socket's own buffer
 _GONE = (errno.ENODEV, errno.ENXIO)
@@ -42,7 +42,7 @@ class SteadySocketcanBus(SocketcanBus):
 
     def _explained(self, code: int) -> LinkError:
         if code in _FULL:
-            return LinkError(
+            return FullQueueError(
                 "the kernel's transmit queue is full",
                 "is another device switched on, to acknowledge the frames? If so, lengthen the queue: "
                 f"`sudo ip link set {self.channel} txqueuelen 100`",
