@@ -28,7 +28,7 @@ rounding: compiled
 newcomer: $(READY)  ## installs the wheel as a new user would, in an empty folder, and times the first hour
 	$(BIN)/python benchmarks/newcomer.py
 
-socketcan: compiled  ## real CAN sockets and drivers, in kernels that run as programs
+socketcan: $(READY)  ## real CAN sockets and drivers, in kernels that run as programs
 	$(BIN)/python tests/socketcan/run.py
 
 check: $(READY)  ## style, types, import floors

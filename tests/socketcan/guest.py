@@ -1,8 +1,8 @@
 """The first program inside the guest: mounts, loads the kernel's CAN, carries out one part, writes what it saw, ends.
 
-``guest.py PART CHECKOUT RESULTS FOLDER MODULE,MODULE`` and what the kernel adds. The host's files are read-only, but
-for the checkout under User-mode Linux, whose processor is the host's, and the folder of results under QEMU. Each line of
-RESULTS is one thing that was looked at.
+``guest.py PART CHECKOUT RESULTS FOLDER MODULE,MODULE`` and what the kernel adds. Each line of RESULTS is one thing that
+was looked at. The host's files are read-only, but for the checkout under User-mode Linux, whose processor is the host's
+and may use the same compiled code, and for the folder of results under QEMU.
 """
 
 import ctypes

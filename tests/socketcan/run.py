@@ -20,6 +20,8 @@ from pathlib import Path
 from initramfs import write_initramfs
 from kernel_modules import in_order
 
+from norton_bench.session.warm_up import warm_up
+
 HERE = Path(__file__).resolve().parent
 CHECKOUT = HERE.parents[1]
 OUT = CHECKOUT / "runs/socketcan"
@@ -46,7 +48,6 @@ class Guest:
                 stdout=console,
                 stderr=console,
                 env=os.environ | self.environment,
-                start_new_session=True,
             )
             try:
                 guest.wait(AT_MOST_S)
@@ -144,6 +145,7 @@ def main() -> int:
         return 0
     shutil.rmtree(OUT, ignore_errors=True)
     OUT.mkdir(parents=True)
+    warm_up()
     begun_s, wrong = time.monotonic(), 0
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for seen in pool.map(Guest.run, [*controllers(), *sessions()]):
