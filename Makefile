@@ -6,7 +6,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard compiled rounding mutants newcomer bench clean
+.PHONY: demo test check guard compiled rounding mutants newcomer socketcan bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -27,6 +27,9 @@ rounding: compiled
 
 newcomer: $(READY)  ## installs the wheel as a new user would, in an empty folder, and times the first hour
 	$(BIN)/python benchmarks/newcomer.py
+
+socketcan: $(READY)  ## real CAN sockets and drivers, in kernels that run as programs
+	$(BIN)/python tests/socketcan/run.py
 
 check: $(READY)  ## style, types, import floors
 	$(BIN)/ruff check .

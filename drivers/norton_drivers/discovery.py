@@ -9,7 +9,8 @@ from typing import Any
 import can
 
 from norton_drivers.adapters.adapter import quiet_python_can
-from norton_drivers.adapters.socketcan import NETWORK, can_links
+from norton_drivers.adapters.socketcan import NETWORK, bring_up, can_links
+from norton_drivers.wiring import CanBusSettings
 
 
 # USB devices that are met at a bench, by vendor and product, and what a rig file would say of each.
@@ -105,7 +106,7 @@ def found_serial(entry: Any, by_id: Path = BY_ID) -> FoundPort:
 
 def found_link(name: str, up: bool) -> FoundPort:
     """One CAN link of the kernel."""
-    mend = "" if up else f"it is down: `sudo ip link set {name} up type can bitrate 1000000`"
+    mend = "" if up else f"it is down: {bring_up(CanBusSettings(name, 'socketcan', name))}"
     return FoundPort("socketcan", name, "CAN link of the kernel", device=name, mend=mend)
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import can
 
-from norton_drivers.adapters.adapter import Health, StateOnly
+from norton_drivers.adapters.adapter import Health, LinkError, StateOnly
 from norton_drivers.codecs.can_errors import CanErrorFrame
 from norton_drivers.errors import ConnectionFailedError, reason_of
 from norton_drivers.readings import ERROR_FRAME, RawFrame
@@ -147,7 +147,7 @@ class CanPort:
             self.bus.send(message)
         except (can.CanError, OSError) as error:
             raise ConnectionFailedError(
-                f"bus {self.name}: cannot send ({reason_of(error)}); is the adapter plugged in?"
+                f"bus {self.name}: cannot send ({reason_of(error)}); {_mend(error, 'is the adapter plugged in?')}"
             ) from error
         if self.tap is not None:
             now_ns = self._clock.now_ns()
@@ -164,7 +164,7 @@ class CanPort:
                 message = receive(0)
             except (can.CanError, OSError, ValueError) as error:
                 raise ConnectionFailedError(
-                    f"bus {self.name}: lost ({reason_of(error)}); check adapter and cable"
+                    f"bus {self.name}: lost ({reason_of(error)}); {_mend(error, 'check adapter and cable')}"
                 ) from error
             if message is None:
                 break
@@ -232,6 +232,11 @@ def received_frame(message: can.Message, arrival_ns: int, channel: str) -> RawFr
     data, switched = bytes(message.data), message.is_fd and message.bitrate_switch
     extended, remote = message.is_extended_id, message.is_remote_frame
     return RawFrame(arrival_ns, channel, False, data, message.arbitration_id, extended, remote, message.is_fd, switched)
+
+
+def _mend(error: Exception, usual: str) -> str:
+    """The remedy: what the bus knows, or the usual one."""
+    return error.mend if isinstance(error, LinkError) else usual
 
 
 class SerialPort:

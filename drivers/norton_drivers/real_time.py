@@ -202,9 +202,9 @@ def _allow(core: int, *, allowed: bool) -> None:
 
 
 @contextmanager
-def kept_awake() -> Iterator[None]:
-    """Inside, the core that this thread is bound to never sleeps; nothing where it is bound to none, or cannot be."""
-    if sys.platform != "linux" or len(os.sched_getaffinity(0)) > 1:
+def kept_awake(core: int | None) -> Iterator[None]:
+    """Inside, this thread's own core never sleeps; nothing where it has none, or where that cannot be."""
+    if sys.platform != "linux" or core is None:
         yield
         return
     with ExitStack() as stack:

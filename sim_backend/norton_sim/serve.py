@@ -17,7 +17,8 @@ from typing import Any, Protocol
 
 import can
 
-from norton_drivers.errors import WiringError
+from norton_drivers.adapters.adapter import FullQueueError
+from norton_drivers.errors import ConnectionFailedError, WiringError
 from norton_drivers.hardware import HardwareBackend
 from norton_drivers.ports import Backend, CanPort
 from norton_drivers.real_time import SERVER_PRIORITY, in_real_time
@@ -100,8 +101,13 @@ class ServedBus:
         self._port.bus.send(can.Message(arbitration_id=error_class, is_error_frame=True, data=bytes(8)))
 
     def to_host(self, arbitration_id: int, data: bytes, extended: bool, fd: bool) -> None:
-        if not self._cut_off:
+        if self._cut_off:
+            return
+        try:
             self._port.send(arbitration_id, data, extended=extended, fd=fd)
+        except ConnectionFailedError as error:
+            if not isinstance(error.__cause__, FullQueueError):  # what does not fit is lost, as on a real bus
+                raise
 
     def receive(self) -> None:
         self._port.poll()

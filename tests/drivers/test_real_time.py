@@ -162,7 +162,7 @@ def test_where_there_are_no_cores_to_be_had_none_is_taken(monkeypatch: pytest.Mo
     monkeypatch.setattr(sys, "platform", "darwin")
     monkeypatch.setattr(subprocess, "Popen", None)
     assert take_core() is None
-    with kept_awake(), staying_off(max(before)):
+    with kept_awake(max(before)), staying_off(max(before)):
         assert os.sched_getaffinity(0) == before
 
 
@@ -218,8 +218,9 @@ def test_every_thread_stays_off_and_so_do_children() -> None:
 KEEP = """
 import os, sys
 from norton_drivers.real_time import kept_awake
-os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-with kept_awake():
+core = max(os.sched_getaffinity(0))
+os.sched_setaffinity(0, {core})
+with kept_awake(core):
     print(flush=True)
     sys.stdin.readline()
 print(flush=True)
@@ -259,21 +260,22 @@ def test_of_a_loop_that_is_killed_nobody_is_left_awake() -> None:
         soon(lambda: not process_lives(spinner), WITHIN_S)
 
 
-def test_who_is_not_bound_needs_no_core_awake(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_has_no_core_of_his_own_keeps_none_awake(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the machine has but one, which is everybody's."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     monkeypatch.setattr(subprocess, "Popen", None)
-    with kept_awake():
-        assert len(os.sched_getaffinity(0)) > 1
+    with kept_awake(None):
+        pass
 
 
 def test_where_no_process_can_be_started_the_loop_does_without(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object, **__: object) -> None:
         raise BlockingIOError("Resource temporarily unavailable")
 
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0})
     monkeypatch.setattr(subprocess, "Popen", refused)
-    with kept_awake():
+    with kept_awake(0):
         pass
-    with pytest.raises(PermissionError, match="of the loop"), kept_awake():
+    with pytest.raises(PermissionError, match="of the loop"), kept_awake(0):
         raise PermissionError("what goes wrong inside is of the loop")
 
 

@@ -25,6 +25,7 @@ from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, 
 from norton_bench.loop.loop import never_stop
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
+from norton_drivers.adapters.table import remarks as link_remarks
 from norton_drivers.discovery import held_back_words, serial_obstacles
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
@@ -92,6 +93,8 @@ def look(rig: Rig, backend: Backend, watch_s: float = WATCH_S) -> RigCheck:
     remarks = [remark for bus in rig.wiring.buses for remark in remarks_on(buses[bus.name], bus.rates)]
     remarks += [remark for line in lines for remark in line.remarks]
     remarks += [f"port {name}: {words}" for name, words in held_back.items()]
+    if host is not None:
+        remarks += [f"bus {bus.name}: {remark}" for bus in rig.wiring.buses for remark in link_remarks(bus)]
     return RigCheck(
         devices=tuple(seen.device(each, buses) for each in watched),
         buses=tuple(buses.values()),

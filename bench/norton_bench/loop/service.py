@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from types import FrameType
 from typing import Any
@@ -72,7 +73,7 @@ def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[A
             return
         outbox = SharedOutbox(shared.memory)
         loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns)
-        service = _Service(loop, outbox, shared, orders)
+        service = _Service(loop, outbox, shared, orders, settled.core)
         with suppress(OSError):  # the session has gone; the drives are idle
             orders.send(Done(settled))
             service.serve()
@@ -86,13 +87,14 @@ class _Service:
     outbox: SharedOutbox
     shared: Shared
     orders: "Connection[Any, Any]"
+    core: int | None
     _ended: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         self._reader = PieceReader(self.orders)
         self._watch = SessionWatch(self.shared.pulse, self._reader, self.loop.devices.clock)
         self.loop.stop_request = self._asked_to_stop
-        self.loop.on_time = _undisturbed
+        self.loop.on_time = partial(_undisturbed, self.core)
         signal.signal(signal.SIGTERM, self._end)
 
     def serve(self) -> None:
@@ -190,9 +192,9 @@ class _Service:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Inside, in real time, its core awake, and no garbage is collected: a tick leaves none that needs it."""
-    with kept_awake(), in_real_time(LOOP_PRIORITY):
+def _undisturbed(core: int | None) -> Iterator[None]:
+    """Inside, in real time, its own core awake, and no garbage is collected: a tick leaves none that needs it."""
+    with kept_awake(core), in_real_time(LOOP_PRIORITY):
         gc.disable()
         try:
             yield

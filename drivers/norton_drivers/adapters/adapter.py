@@ -28,12 +28,29 @@ class Health(Protocol):
         ...
 
 
+class LinkError(can.CanOperationError):
+    """A bus refused, for a known reason; ``mend`` is the half sentence with the remedy."""
+
+    def __init__(self, reason: str, mend: str) -> None:
+        super().__init__(reason)
+        self.mend = mend
+
+
+class FullQueueError(LinkError):
+    """Frames come faster than the bus takes them; this one is lost."""
+
+
 # A key of the rig file's section, and what is wrong with it, with the remedy.
 Mistake = tuple[str, str]
 
 
 def no_mistakes(_settings: CanBusSettings) -> Iterator[Mistake]:
     """Nothing that the rig file could say is known to be wrong."""
+    return iter(())
+
+
+def no_remarks(_settings: CanBusSettings) -> Iterator[str]:
+    """Nothing is known that might become a trouble."""
     return iter(())
 
 
@@ -69,11 +86,16 @@ def as_python_can_does(settings: CanBusSettings, **changed: Any) -> can.BusABC:
 
     Without python-can's own configuration files: the rig file alone says what is opened.
     """
+    arguments = {**bus_arguments(settings), **changed}
+    return can.Bus(interface=settings.interface, ignore_config=True, **arguments)
+
+
+def bus_arguments(settings: CanBusSettings) -> dict[str, Any]:
+    """What the rig file says, by the names of python-can's buses."""
     arguments: dict[str, Any] = {"channel": settings.channel, "bitrate": settings.bitrate_bit_s}
     if settings.fd:
         arguments |= {"fd": True, "data_bitrate": settings.data_bitrate_bit_s or settings.bitrate_bit_s}
-    arguments |= {**settings.options, **changed}
-    return can.Bus(interface=settings.interface, ignore_config=True, **arguments)
+    return {**arguments, **settings.options}
 
 
 def generic_mend(_settings: CanBusSettings, error: Exception) -> str:
@@ -88,8 +110,8 @@ class Adapter:
     """One interface.
 
     ``fd`` is whether CAN FD frames pass it. ``mistakes`` are told from the rig file alone, an ``obstacle`` from the
-    machine; ``mend`` is the half sentence after a failure to open. ``options`` are python-can's names, against which a
-    misspelling is noticed.
+    machine, and ``remarks`` where the bus works but may not for long; ``mend`` is the half sentence after a failure to
+    open. ``options`` are python-can's names, against which a misspelling is noticed.
     """
 
     channel: str = "the adapter's channel"
@@ -98,6 +120,7 @@ class Adapter:
     fd: bool = False
     mistakes: Callable[[CanBusSettings], Iterator[Mistake]] = no_mistakes
     obstacle: Callable[[CanBusSettings], str | None] = no_obstacle
+    remarks: Callable[[CanBusSettings], Iterator[str]] = no_remarks
     open: Callable[[CanBusSettings], can.BusABC] = as_python_can_does
     mend: Callable[[CanBusSettings, Exception], str] = generic_mend
     health: Callable[[can.BusABC], Health] = StateOnly

@@ -182,6 +182,11 @@ def mistakes(settings: CanBusSettings) -> Iterator[Mistake]:
     yield from adapter.mistakes(settings)
 
 
+def remarks(settings: CanBusSettings) -> Iterator[str]:
+    """What works now on this machine, but may not for long, with the remedy; sentences without the bus' name."""
+    yield from ADAPTERS.get(settings.interface, UNKNOWN).remarks(settings)
+
+
 def open_bus(settings: CanBusSettings) -> OpenBus:
     """Raises ConnectionFailedError, in one sentence with the remedy."""
     place = f"[bus.{settings.name}] {settings.interface} on {settings.channel}"

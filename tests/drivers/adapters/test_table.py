@@ -1,6 +1,7 @@
 """Every interface: mistakes told before anything is opened, and one sentence with the mend where it cannot be."""
 
 import errno
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,8 +10,9 @@ import can
 import pytest
 from can.interfaces import BACKENDS
 
-from norton_drivers.adapters import socketcan, table
+from norton_drivers.adapters import socketcan, steady_socketcan, table
 from norton_drivers.adapters.mended_buses import ThreadedBus
+from norton_drivers.adapters.socketcan import KernelLink
 from norton_drivers.adapters.table import ADAPTERS, mistakes, open_bus
 from norton_drivers.adapters.table import BITRATES as SLCAN_BITRATES
 from norton_drivers.adapters.vendors import KvaserHealth, PcanHealth
@@ -52,6 +54,7 @@ def stand_in(monkeypatch):
     monkeypatch.setattr(StandIn, "failure", None)
 
     def put(interface: str, failure: Callable[[], Exception] | None = None) -> CanBusSettings:
+        monkeypatch.setattr(steady_socketcan, "SteadySocketcanBus", StandIn)
         monkeypatch.setitem(BACKENDS, interface, (__name__, "StandIn"))
         monkeypatch.setattr(can.interface, "_get_class_for_interface", lambda _name: StandIn)
         monkeypatch.setattr(StandIn, "failure", staticmethod(failure) if failure else None)
@@ -133,7 +136,11 @@ class NoBackendError(ValueError):
 @pytest.mark.parametrize(
     ("interface", "failure", "mend"),
     [
-        ("socketcan", lambda: OSError(errno.ENETDOWN, "down"), "`sudo ip link set can0 up type can bitrate 500000`"),
+        (
+            "socketcan",
+            lambda: OSError(errno.ENETDOWN, "down"),
+            "is it up? `sudo ip link set can0 up type can bitrate 500000`",
+        ),
         ("gs_usb", lambda: can.CanInterfaceNotImplementedError("No module 'usb'"), 'pip install "python-can[gs_usb]"'),
         ("gs_usb", lambda: NoBackendError("No backend available"), "install libusb"),
         ("gs_usb", lambda: usb_error(errno.EACCES), "add a udev rule"),
@@ -210,32 +217,38 @@ def test_python_can_is_told_of_can_fd(stand_in, no_obstacle, interface):
 
 @pytest.fixture
 def network(tmp_path):
-    """A folder like /sys/class/net: eth0, can0 up, can1 down."""
+    """A folder like /sys/class/net: eth0, can0 up, can1 and vcan0 down."""
     for name, kind, flags in (("eth0", "1", "0x1003"), ("can0", "280", "0x40c1"), ("can1", "280", "0x40c0")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "type").write_text(f"{kind}\n")
         (tmp_path / name / "flags").write_text(f"{flags}\n")
+    virtual = tmp_path / "devices" / "virtual" / "vcan0"
+    shutil.copytree(tmp_path / "can1", virtual)
+    (tmp_path / "vcan0").symlink_to(virtual)
     return tmp_path
 
 
 def test_can_links(network):
-    assert socketcan.can_links(network) == {"can0": True, "can1": False}
+    assert socketcan.can_links(network) == {"can0": True, "can1": False, "vcan0": False}
     assert socketcan.can_links(network / "nowhere") == {}
 
 
 @pytest.mark.parametrize(
-    ("channel", "real", "words"),
+    ("channel", "link", "words"),
     [
-        ("can0", None, None),
-        ("can0", 500_000, None),
-        ("can0", 250_000, "the link runs at 250000 bit/s, but the rig file says 500000"),
-        ("can1", None, "the link is down; `sudo ip link set can1 up type can bitrate 500000`"),
-        ("can7", None, "there is no CAN link can7 (there is: can0, can1)"),
-        ("eth0", None, "there is no CAN link eth0"),
+        ("can0", KernelLink(), None),
+        ("can0", KernelLink(500_000, "ERROR-PASSIVE"), None),
+        ("can0", KernelLink(500_000, "BUS-OFF"), "(bus-off); check bitrate, wiring and termination"),
+        ("can0", KernelLink(250_000), "the link runs at 250000 bit/s, but the rig file says 500000"),
+        ("can1", KernelLink(), "the link is down; `sudo ip link set can1 up type can bitrate 500000`"),
+        ("vcan0", KernelLink(), "the link is down; `sudo ip link set vcan0 up`"),
+        ("vcan1", KernelLink(), "`sudo ip link add vcan1 type vcan && sudo ip link set vcan1 up`"),
+        ("can7", KernelLink(), "there is no CAN link can7 (there is: can0, can1, vcan0); is the adapter plugged in?"),
+        ("eth0", KernelLink(), "there is no CAN link eth0"),
     ],
 )
-def test_obstacles_of_socketcan(network, monkeypatch, channel, real, words):
-    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel, _timing: real)
+def test_obstacles_of_socketcan(network, monkeypatch, channel, link, words):
+    monkeypatch.setattr(socketcan, "kernel_link", lambda _channel: link)
     found = socketcan.obstacle_of(CanBusSettings("b", "socketcan", channel, 500_000), network, has_sockets=True)
     assert (found is None) if words is None else (words in (found or ""))
 
@@ -251,8 +264,8 @@ def test_obstacles_of_socketcan(network, monkeypatch, channel, real, words):
 )
 def test_obstacles_of_socketcan_with_can_fd(network, monkeypatch, mtu, rates, words):
     (network / "can0" / "mtu").write_text(f"{mtu}\n")
-    real = dict(zip(("bittiming", "data_bittiming"), rates, strict=True))
-    monkeypatch.setattr(socketcan, "real_bitrate", lambda _channel, timing: real[timing])
+    link = KernelLink(rates[0], data_bitrate_bit_s=rates[1])
+    monkeypatch.setattr(socketcan, "kernel_link", lambda _channel: link)
     found = socketcan.obstacle_of(replace(GOOD["fdcanusb"], interface="socketcan", channel="can0"), network, True)
     assert (found is None) if words is None else (words in (found or ""))
     if found:
@@ -266,17 +279,22 @@ def test_a_kernel_without_can(network):
 
 
 @pytest.mark.parametrize(
-    ("answer", "bitrate"),
+    ("answer", "link"),
     [
-        ('[{"ifname":"can0","linkinfo":{"info_kind":"can","info_data":{"bittiming":{"bitrate":500000}}}}]', 500_000),
-        ('[{"ifname":"vcan0","linkinfo":{"info_kind":"vcan"}}]', None),
-        ("[]", None),
-        ("nonsense", None),
+        (
+            '[{"ifname":"can0","txqlen":10,"linkinfo":{"info_kind":"can","info_data":{"state":"ERROR-ACTIVE",'
+            '"restart_ms":0,"bittiming":{"bitrate":500000}}}}]',
+            KernelLink(500_000, "ERROR-ACTIVE", 10),
+        ),
+        ('[{"ifname":"vcan0","txqlen":1000,"linkinfo":{"info_kind":"vcan"}}]', KernelLink(queue_frames=1000)),
+        ("[]", KernelLink()),
+        ("7", KernelLink()),
+        ("nonsense", KernelLink()),
     ],
 )
-def test_the_kernels_bitrate(monkeypatch, answer, bitrate):
+def test_what_the_kernel_says_of_a_link(monkeypatch, answer, link):
     monkeypatch.setattr(socketcan.subprocess, "run", lambda *_args, **_named: SimpleNamespace(stdout=answer))
-    assert socketcan.real_bitrate("can0") == bitrate
+    assert socketcan.kernel_link("can0") == link
 
 
 def test_no_ip_command_is_no_trouble(monkeypatch):
@@ -284,7 +302,22 @@ def test_no_ip_command_is_no_trouble(monkeypatch):
         raise FileNotFoundError("ip")
 
     monkeypatch.setattr(socketcan.subprocess, "run", missing)
-    assert socketcan.real_bitrate("can0") is None
+    assert socketcan.kernel_link("can0") == KernelLink()
+
+
+@pytest.mark.parametrize(
+    ("link", "remark"),
+    [
+        (KernelLink(500_000, "ERROR-ACTIVE", 10), "`sudo ip link set can0 txqueuelen 100`"),
+        (KernelLink(500_000, "ERROR-ACTIVE", 100), None),
+        (KernelLink(queue_frames=10), None),
+    ],
+)
+def test_a_queue_that_is_too_short_is_remarked(monkeypatch, link, remark):
+    monkeypatch.setattr(socketcan, "kernel_link", lambda _channel: link)
+    said = list(table.remarks(GOOD["socketcan"]))
+    assert len(said) == (remark is not None)
+    assert remark is None or remark in said[0]
 
 
 # ---- How a bus fares -----------------------------------------------------------------------------------------------

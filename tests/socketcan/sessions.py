@@ -1,0 +1,45 @@
+"""A whole session of one family of drives through a CAN link of the kernel, compared with what is true."""
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from guest import Tell
+from program import bench, rig_on, served
+
+SEED = 41
+# A value's 95 % interval is two standard deviations to each side. Of the four dozen values here some two lie outside by
+# chance; twice as far out lies none.
+WITHIN = 2.0
+
+
+def run(checkout: Path, family: str, tell: Tell) -> None:
+    for command in ("ip link add vcan0 type vcan", "ip link set vcan0 up"):
+        subprocess.run(command.split(), check=True)
+    rig, out = rig_on(checkout, family, "vcan0"), checkout / "runs/socketcan" / family
+    session = checkout / "tests/socketcan/session.toml"
+    with served(rig, SEED):
+        code, said = bench("run", session, "--rig", rig, "--backend", "hardware", "--out", out, "--json")
+    if code:
+        tell(f"{family}: session", False, f"exit code {code}: {last_line(said)}")
+        return
+    result = json.loads(said)
+    network = json.loads(Path(result["network"]).read_text(encoding="utf-8"))
+    tell(f"{family}: session, to a network file of {len(network['parameters'])} values", True, "done")
+    _, truth = bench("sim", "truth", rig, "--seed", SEED, "--json")
+    for name, true in json.loads(truth)["parameters"].items():
+        _compare(f"{family}: {name}", result["parameters"].get(name), true, tell)
+
+
+def _compare(what: str, found: dict[str, Any] | None, true: dict[str, Any], tell: Tell) -> None:
+    if found is None or found["status"] != "valid":
+        tell(what, True, "not told" if found is None else str(found["status"]))
+        return
+    interval, off = 2 * found["std"], abs(found["value"] - true["value"])
+    seen = f"{found['value']:.4g} \u00b1 {interval:.2g} {found['unit']}, true {true['value']:.4g}"
+    tell(what, off <= WITHIN * interval, seen)
+
+
+def last_line(text: str) -> str:
+    return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing")
