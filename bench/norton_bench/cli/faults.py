@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from norton_bench.faults.case import Case, CaseResult
 
 # One for each family of drives: the rigs that are tried where none is named.
-FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit", "sim-dynamixel", "sim-feetech")
+FAMILIES = ("sim-odrive", "sim-cia402", "sim-vesc", "sim-mit", "sim-dynamixel")
 
 Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]
 Only = Annotated[str | None, Parameter(help="Only faults with this text in their name, kind or place.")]
