@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from norton_bench.faults.campaign import FaultTrial
     from norton_bench.faults.case import Case, CaseResult
 
-# One for each family of drives: the rigs that are tried where none is named.
+# One for each family of drives whose host may be lost: the rigs that are tried where none is named. Feetech's servos have
+# no watchdog.
 FAMILIES = (
     "sim-odrive",
     "sim-cia402",
@@ -32,7 +33,6 @@ FAMILIES = (
     "sim-vesc-uart",
     "sim-simplefoc",
     "sim-dynamixel",
-    "sim-feetech",
 )
 
 Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]
