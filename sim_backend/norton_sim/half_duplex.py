@@ -5,14 +5,23 @@ Each device has its own plug on the line; the line has the one plug of the port.
 and the other devices when its last byte has left.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 from norton_sim.connectors import BITS_PER_BYTE, SerialConnector
-from norton_sim.world import World
 
 # What two drivers on one pair of wires come to is neither of what they send.
 _GARBLED = bytes(byte ^ 0x55 for byte in range(256))
+
+
+class Timeline(Protocol):
+    """What a line needs of :class:`norton_sim.world.World`."""
+
+    @property
+    def now_ns(self) -> int: ...
+    def at(self, stamp_ns: int, action: Callable[[int], None]) -> None: ...
 
 
 @dataclass
@@ -29,7 +38,7 @@ class _Talk:
 class HalfDuplexLine:
     """One line behind the one plug of its port. ``collisions`` counts."""
 
-    def __init__(self, world: World, port: SerialConnector) -> None:
+    def __init__(self, world: Timeline, port: SerialConnector) -> None:
         self.collisions = 0
         self.port = port
         self._world = world

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from norton_bench.faults.campaign import FaultTrial
     from norton_bench.faults.case import Case, CaseResult
 
-# One for each family of drives whose host may be lost: the rigs that are tried where none is named. Feetech's servos have
-# no watchdog.
+# The rigs that are tried where none is named: one for each family of drives, but Feetech, which has no watchdog.
 FAMILIES = (
     "sim-odrive",
     "sim-cia402",

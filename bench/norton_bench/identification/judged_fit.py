@@ -18,8 +18,8 @@ from norton_bench.identification.model_error import (
     model_error,
     validation_stretches,
     widened,
-    with_prediction,
 )
+from norton_bench.identification.prediction_error import prediction_error
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
@@ -117,8 +117,9 @@ def _predicting(best: JudgedFit, measured: Measured) -> JudgedFit:
     """With how far its predictions are off."""
     if best.error is None or best.at is None:
         return best
-    stretches = (*best.stretches, *best.unseen)
-    return replace(best, error=with_prediction(best.error, best.fitted, best.at, stretches, measured))
+    stretches, standing_nm = (*best.stretches, *best.unseen), best.error.zero.standing_nm
+    prediction = prediction_error(best.fitted, best.at, standing_nm, stretches, measured)
+    return replace(best, error=replace(best.error, prediction=prediction))
 
 
 def composed(

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
@@ -24,10 +23,10 @@ from norton_bench.identification.departures import (
 from norton_bench.identification.expansion import Expansion, Linearised, Sums
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.ladder import Rung, selected
-from norton_bench.identification.results import FitResult, SensorZero
+from norton_bench.identification.prediction_error import mean_squares
+from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.simulated_bench import Coupling, inertia_of
-from norton_bench.identification.validation import free_runs
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
 from norton_bench.records import Measured
@@ -78,11 +77,6 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
     )
 
 
-# Predictions are judged over stretches of this length, and over what is left of a segment down to the shorter one.
-PIECE_S, SHORTEST_PIECE_S = 2.0, 0.5
-LEVEL = 0.95
-# Noise is no greater than what this share of the segments is left with: knocks make readings' differences look noisy.
-QUIETEST = 0.25
 # More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
 UNEXPLAINED = 0.5
 TWICE = 2.0
@@ -90,13 +84,7 @@ TWICE = 2.0
 
 @dataclass(frozen=True)
 class Zero:
-    """The model's own error: how far predictions are off beyond the sensors' noise, and what that goes with.
-
-    Whatever the fit's deviations say, they say it of the paper's motor. Here the network is asked for segments that
-    its values were not fitted to: those kept for validation, and every other one by a fit without it.
-
-    The torque sensor's zero [N m] in the fit, and as it was read at rest before anything moved.
-    """
+    """The torque sensor's zero [N m] in the fit, and as it was read at rest before anything moved."""
 
     fitted_nm: float
     tare_nm: float = NAN
@@ -120,7 +108,7 @@ class ModelError:
 
     It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
     ``spread`` (7,) is how far each of fit.PHYSICAL moves, relative, when segments are left out one by one (jackknife).
-    ``prediction`` is empty until it is worked out (``with_prediction``).
+    ``prediction`` is empty until it is worked out (``prediction_error``).
     """
 
     rms_nm: float
@@ -154,8 +142,8 @@ def model_error(result: FitResult, at: Expansion, unseen: Sequence[Signals], mea
     """Of a fit expanded ``at`` its own values."""
     found, usual = _named(result, at, unseen)
     zero = _zero(at, measured)
-    mean_squares, noise_nm2 = _mean_squares(at, zero)
-    beyond = max(float(np.mean(mean_squares)) - noise_nm2, 0.0)
+    squares, noise_nm2 = mean_squares(at, zero.standing_nm)
+    beyond = max(float(np.mean(squares)) - noise_nm2, 0.0)
     left = found[-1].left_nm ** 2 if found else _without_cogging(at)
     return ModelError(
         rms_nm=float(np.sqrt(beyond)),
@@ -166,19 +154,6 @@ def model_error(result: FitResult, at: Expansion, unseen: Sequence[Signals], mea
         spread=_spread(at),
         zero=zero,
     )
-
-
-def with_prediction(
-    error: ModelError,
-    result: FitResult,
-    at: Expansion,
-    stretches: Sequence[Signals],
-    measured: Measured,
-) -> ModelError:
-    """The same ``error`` of the fit ``result``, with how far its predictions are off; ``stretches`` are those that it
-    was fitted to and those kept for validation. To simulate the free motion takes a second."""
-    velocity_rad_s = _velocity(result, at.zero.moved(-error.zero.standing_nm), stretches, measured)
-    return replace(error, prediction=_prediction(at, *_mean_squares(at, error.zero), velocity_rad_s))
 
 
 @dataclass(frozen=True)
@@ -231,17 +206,6 @@ def _told_apart(at: Expansion, result: tuple[Departure, ...], usual: _Usual) -> 
 def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
     """Whether more than UNEXPLAINED of what is left is neither noise nor what ticks and counts leave open."""
     return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
-
-
-def bound(mean_squares: FloatArray) -> tuple[float, float]:
-    """What the next of exchangeable values (n,) stays below, and how often: at LEVEL, or as near as n values can tell.
-
-    The k-th smallest of n exceeds the next with a chance of k/(n + 1), whatever their distribution (conformal
-    prediction: Vovk, Gammerman and Shafer 2005).
-    """
-    count = mean_squares.size
-    rank = min(count, int(np.ceil(LEVEL * (count + 1))))
-    return float(np.sort(mean_squares)[rank - 1]), min(LEVEL, rank / (count + 1))
 
 
 def judged(result: FitResult, error: ModelError | None) -> FitResult:
@@ -333,33 +297,6 @@ def milli(value_nm: float) -> str:
     return f"{1e3 * value_nm:.2g} mN*m"
 
 
-def _mean_squares(at: Expansion, zero: Zero) -> tuple[FloatArray, float]:
-    """Of the network's error over pieces (pieces,), each predicted without itself; and the noise's share of each."""
-    sums = Sums.of(at, at.jacobian)
-    every = np.arange(len(at.jacobian))
-    left = at.without(at.zero.moved(-zero.standing_nm))
-    whole = sums.solved(every)
-    values = []
-    for part in range(int(at.part.max()) + 1):
-        inside = np.flatnonzero(at.part == part)
-        error = left[inside] + at.drifted_nm[inside]
-        if at.fitted[inside[0]]:
-            shift = (sums.solved(every, part) - whole) / sums.scale
-            shift[at.basis] = 0.0
-            error = error - shift @ at.jacobian[:, inside]
-        values += [float(np.mean(error[piece] ** 2)) for piece in _pieces(at.time_s[inside])]
-    mean_squares = np.array(values)
-    return mean_squares, min(at.noise_nm2, float(np.quantile(mean_squares, QUIETEST)))
-
-
-def _pieces(time_s: FloatArray) -> list[npt.NDArray[np.int64]]:
-    """Indices of stretches of PIECE_S each; the last may be as short as SHORTEST_PIECE_S."""
-    number = np.floor((time_s - time_s[0]) / PIECE_S).astype(np.int64)
-    tick_s = float(np.median(np.diff(time_s))) if time_s.size > 1 else 0.0
-    pieces = [np.flatnonzero(number == each) for each in range(int(number[-1]) + 1)]
-    return [piece for piece in pieces if piece.size * tick_s >= SHORTEST_PIECE_S]
-
-
 def _without_cogging(at: Expansion) -> float:
     """The mean square that the fit's own equation leaves."""
     sums = Sums.of(at, at.jacobian)
@@ -387,24 +324,3 @@ def _zero(at: Expansion, measured: Measured) -> Zero:
     if values.size < 2:
         return Zero(fitted_nm)
     return Zero(fitted_nm, float(np.mean(values)), float(np.std(values) / np.sqrt(values.size)))
-
-
-def _velocity(result: FitResult, zero: SensorZero, stretches: Sequence[Signals], measured: Measured) -> float:
-    """What the rms error of the free velocity stays below over a piece of free motion; NaN where there was none."""
-    used = [each for each in measured.segments if each.use in (Use.IDENTIFY, Use.VALIDATE)]
-    runs = free_runs(result, stretches, used, zero)
-    if not runs:
-        return NAN
-    beyond = [
-        float(np.mean((run.measured - run.predicted)[piece] ** 2)) - run.noise_rad2_s2
-        for run in runs
-        for piece in _pieces(run.time_s)
-    ]
-    return float(np.sqrt(max(bound(np.array(beyond))[0], 0.0))) if beyond else NAN
-
-
-def _prediction(at: Expansion, mean_squares: FloatArray, noise_nm2: float, velocity_rad_s: float) -> PredictionError:
-    greatest, level = bound(mean_squares)
-    seen = {"velocity": at.velocity_rad_s, "acceleration": at.acceleration_rad_s2, "command": at.command}
-    ranges = {name: (float(np.min(values)), float(np.max(values))) for name, values in seen.items()}
-    return PredictionError(float(np.sqrt(max(greatest - noise_nm2, 0.0))), velocity_rad_s, level, ranges)

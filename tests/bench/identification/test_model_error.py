@@ -9,7 +9,8 @@ from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
-from norton_bench.identification.model_error import LEVEL, bound, expanded, judged, model_error, with_prediction
+from norton_bench.identification.model_error import expanded, judged, model_error
+from norton_bench.identification.prediction_error import LEVEL, bound, prediction_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
@@ -37,7 +38,8 @@ def error(result, stretches, experiment):
 def error_of(result, stretches, unseen, measured):
     at = expanded(result, stretches, unseen)
     error = model_error(result, at, unseen, measured)
-    return with_prediction(error, result, at, (*stretches, *unseen), measured)
+    prediction = prediction_error(result, at, error.zero.standing_nm, (*stretches, *unseen), measured)
+    return replace(error, prediction=prediction)
 
 
 def changed(error, relative, kind=DRAG):
