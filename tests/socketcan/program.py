@@ -44,11 +44,11 @@ def bench_here(*arguments: object) -> tuple[int, str]:
 def served(rig: Path, seed: int) -> Iterator[None]:
     """Inside, the rig's simulated devices are on its bus."""
     server = subprocess.Popen(
-        [COMMAND, "sim", "serve", str(rig), "--seed", str(seed)], stdout=subprocess.PIPE, text=True
+        [COMMAND, "sim", "serve", str(rig), "--seed", str(seed)], stderr=subprocess.PIPE, text=True
     )
-    assert server.stdout is not None
+    assert server.stderr is not None
     begun_s = time.monotonic()
-    line = server.stdout.readline()
+    line = server.stderr.readline()
     if not line.startswith("serving"):
         raise RuntimeError(f"sim serve said {line!r} after {time.monotonic() - begun_s:.0f} s")
     try:
