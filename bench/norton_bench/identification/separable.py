@@ -41,7 +41,8 @@ MOST_COGGINGS = 4
 # A step of a twentieth, and of a fifth, of a deviation.
 NOTHING_GAINED = 2e-3
 LITTLE_GAINED = 4e-2
-LEAST_LEFT = 0.05  # of the residual's power: no fewer errors than this are its own
+# Half of one, where no step is better: a direction that is told so badly is no reason to call nothing known.
+NO_STEP_BETTER = 0.25
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 # Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
 SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
@@ -278,6 +279,14 @@ class _At:
             columns[place] = regression.slope_contamination(self.linear)
         return columns
 
+    def bettered(
+        self, step: FloatArray, low: FloatArray, high: FloatArray, longest: FloatArray, most: int | None
+    ) -> "_At | None":
+        """The first of so many shares of a step, inside the box, that is better; None where none is."""
+        moved = (np.clip(self.shape.as_array() + each, low, high) for each in islice(shortened(step, longest), most))
+        trials = (_At.of(self.regression, self.shape.at(each)) for each in moved)
+        return next((trial for trial in trials if trial.cost < self.cost), None)
+
     def step_within(self, low: FloatArray, high: FloatArray, longest: FloatArray) -> tuple[FloatArray, float]:
         """As :meth:`step`; what would leave the box goes to its side, and the others go on without it."""
         step, squared_deviations = self.step()
@@ -305,9 +314,8 @@ class _At:
         whole = normal_solution(every, right, contamination, self.shared)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[[place for _, place in free]] = whole[linear:]
-        # Coarse counts are off by less than as many independent errors: what is taken off for them may leave nothing.
-        power = max(self.cost, LEAST_LEFT * float(self.innovation @ self.innovation))
-        variance = self.regression.alike * power / self.innovation.size
+        # All of the residual: with coarse counts what is taken off for their errors may leave nothing of it.
+        variance = self.regression.alike * float(self.innovation @ self.innovation) / self.innovation.size
         return step, float(right @ whole) / max(variance, 1e-300)
 
 
@@ -376,12 +384,14 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
             return at, True
         little = abs(squared_deviations) < LITTLE_GAINED
         # Where little is to be gained, one try will do.
-        tries = islice(shortened(step, longest), 1 if little else None)
-        moved = (np.clip(at.shape.as_array() + each, low, high) for each in tries)
-        better = (trial for each in moved if (trial := _At.of(regression, at.shape.at(each))).cost < at.cost)
-        result = next(better, None)
+        result = at.bettered(step, low, high, longest, 1 if little else None)
+        if result is None and not little:
+            # Of what is told so little that its step leads out of the box, the others shall not depend.
+            step, squared_deviations = at.step_within(low, high, np.full(longest.size, np.inf))
+            result = at.bettered(step, low, high, np.maximum(longest, high - low), None)
         if result is None:
-            # Gauss-Newton cannot improve: at the minimum to within rounding.
-            return at, little or bool(np.all(np.abs(step) < 100 * within))
+            # Gauss-Newton cannot improve: at the minimum to within rounding, or where nothing tells.
+            settled = abs(squared_deviations) < NO_STEP_BETTER
+            return at, settled or bool(np.all(np.abs(step) < 100 * within))
         at = result
     return at, False
