@@ -12,7 +12,7 @@ from benchmarks.fuzzing.sensors_on_serial import ModbusLine
 from benchmarks.fuzzing.streams import StreamCodec
 from norton_drivers.codecs import modbus
 
-COUNT = 12_000
+COUNT = 20_000
 
 
 @pytest.mark.parametrize("name", CODECS)

@@ -1,5 +1,6 @@
 """Servo makers' own libraries on pseudo-terminals: they drive emulated servos that another process serves."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -29,8 +30,8 @@ direction = -1
 torque_limit = "1.5 N*m"
 
 """
-# They wait for 34 ms; a process on a busy computer may stand still for longer.
-TRIES = 40
+# They wait for 34 ms, and a process on a busy computer may stand still for longer; nor does a shaft move at once.
+WITHIN_S = 3.0
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,8 @@ def opened(port: Any) -> Iterator[Any]:
 
 def again(ask: Callable[[], Any], good: Callable[[Any], bool]) -> Any:
     """The first good answer."""
-    for _ in range(TRIES):
+    said, deadline_s = None, time.monotonic() + WITHIN_S
+    while time.monotonic() < deadline_s:
         said = ask()
         if good(said):
             return said

@@ -20,8 +20,7 @@ Found = Iterator[tuple[str, str]]  # where, and what is wrong with the remedy
 def wrong_kinds(devices: Devices) -> Found:
     """A maker's drives on CAN and on serial lines have drivers of their own: ``vesc`` and ``vesc_uart``."""
     for role, device in devices.items():
-        group = registry.group_of(role)
-        takes = declared_by(group, device.driver).connection if device.driver in registry.names(group) else None
+        group, takes = registry.group_of(role), _declared(role, device).connection
         on_bus = device.bus is not None
         if takes is None or on_bus in (device.port is not None, takes == "can"):
             continue

@@ -66,7 +66,10 @@ HARMLESS = {
     "position's arrival set forward": (values("motion", "arrival_ns", stepped(10**9)), "position.*a clock jumped"),
     "position's arrival set back": (values("motion", "arrival_ns", stepped(-(10**9))), "position.*a clock jumped"),
     "sensor's clock jumps": (values("torque", "device_ns", stepped(-(2**32) * 1000)), "torque: a clock jumped"),
-    "sensor's clock stands still": (values("torque", "device_ns", lambda good: 0 * good), "own clock stands still"),
+    "sensor's clock stands still": (
+        values("torque", "device_ns", lambda good: 0 * good + good[0]),
+        "own clock stands still",
+    ),
     "tick's clock set forward": (values("ticks", "tick_ns", stepped(10**9)), "command: a clock jumped"),
     "tick's clock set back": (values("ticks", "tick_ns", stepped(-(10**9))), "command: a clock jumped"),
     "torque frozen": (torque(faulty.stuck(0.6, 0.9)), "torque is frozen in 30.0%"),
