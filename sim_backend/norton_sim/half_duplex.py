@@ -78,6 +78,8 @@ class HalfDuplexLine:
         self._deliver(data, None)
 
     def _written_in_ns(self, data: bytes) -> int:
+        if not self.port.wire.paced:
+            return 0  # it is here as soon as it was written
         baud = self.port.wire.host_baud or max(tap.baud for tap in self._taps)
         return round(len(data) * BITS_PER_BYTE * 1e9 / baud)
 
