@@ -1,12 +1,15 @@
 """Torque constant and amplifier gain apart: possible only where the amplifier reports its current.
 
-i = Ka·lag_β(c): with the lag known from the torque, the gain is one more linear unknown, and Km = (Km·Ka)/Ka.
+i = Ka·lag_β(c): with the lag known from the torque, the gain is one more linear unknown, and Km = (Km·Ka)/Ka. How well
+the lag is known is part of the gain's deviation: in a slow loop, too long a lag makes the gain too great.
 
 A drive that reports its current in steps makes the same error again and again where the current is held, and no number
 of readings averages it out: each step that was met is one datum, and its error as likely anywhere within the step.
 """
 
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +26,13 @@ DELAY_STEPS = 6
 LEAST_READINGS = 50
 # Currents come in steps where so many readings share a value; fewer on one do not make it count for less.
 READINGS_A_STEP = 20
+
+
+class Known(NamedTuple):
+    """A value and its deviation."""
+
+    value: float
+    std: float
 
 
 @dataclass(frozen=True)
@@ -47,11 +57,12 @@ class CurrentFit:
 
 
 def fit_current(
-    stretches: tuple[Signals, ...], bandwidth_rad_s: float, delay_s: float, torque_gain: float, torque_gain_std: float
+    stretches: tuple[Signals, ...], bandwidth: Known, delay_s: float, torque_gain: Known
 ) -> CurrentFit | None:
     """None where current was not measured throughout, or says nothing.
 
-    ``delay_s`` is where the search for the current's own delay begins: it comes on another wire than the torque.
+    ``bandwidth`` [rad/s] and ``torque_gain`` [N m per command] are what the torque tells. ``delay_s`` is where the
+    search for the current's own delay begins: it comes on another wire than the torque.
     """
     readings = [_in_use(stretch) for stretch in stretches]
     target = np.concatenate([value for _, value in readings])
@@ -59,6 +70,40 @@ def fit_current(
         return None
     steps = Steps.of(target)
     weight = np.ones(target.size) if steps is None else steps.weight
+    with_lag = partial(_with_lag, stretches, readings, weight, delay_s)
+    reached = with_lag(bandwidth.value)
+    # Half of what a deviation of the lag to either side makes of the gain; one that nobody knows is off by a factor e.
+    relative = min(bandwidth.std / bandwidth.value, 1.0)
+    aside = [with_lag(bandwidth.value * float(np.exp(side * relative))) for side in (-1.0, 1.0)]
+    if reached is None or aside[0] is None or aside[1] is None:
+        return None
+    gain, columns, residual = reached
+    of_lag = 0.5 * (aside[1].gain - aside[0].gain)
+    covariance = sandwich(columns.T, residual, np.concatenate([time_s for time_s, _ in readings]))
+    unseen = 0.0 if steps is None else steps.deviation(columns)
+    std = float(np.sqrt(covariance[0, 0] + unseen**2 + of_lag**2))
+    constant = torque_gain.value / gain
+    relative = np.hypot(std / gain, torque_gain.std / torque_gain.value)
+    return CurrentFit(gain, std, float(constant), float(abs(constant) * relative))
+
+
+class _Reached(NamedTuple):
+    """The gain; the weighted columns (3, m) and residual (m,) with which it was found."""
+
+    gain: float
+    columns: FloatArray
+    residual: FloatArray
+
+
+def _with_lag(
+    stretches: tuple[Signals, ...],
+    readings: list[tuple[FloatArray, FloatArray]],
+    weight: FloatArray,
+    delay_s: float,
+    bandwidth_rad_s: float,
+) -> _Reached | None:
+    """The gain and the current's delay behind an amplifier of this bandwidth; None where there is no gain."""
+    target = np.concatenate([value for _, value in readings])
     for _ in range(DELAY_STEPS):
         parts = [
             _lag(stretch, bandwidth_rad_s, time_s, delay_s)
@@ -70,14 +115,7 @@ def fit_current(
         if gain == 0.0:
             return None
         delay_s -= float(np.clip(slope / gain, -1e-3, 1e-3))
-    residual = target - solution @ columns
-    columns, residual = columns * weight, residual * weight
-    covariance = sandwich(columns.T, residual, np.concatenate([time_s for time_s, _ in readings]))
-    unseen = 0.0 if steps is None else steps.deviation(columns)
-    std = float(np.sqrt(covariance[0, 0] + unseen**2))
-    constant = torque_gain / gain
-    relative = np.hypot(std / gain, torque_gain_std / torque_gain)
-    return CurrentFit(float(gain), std, float(constant), float(abs(constant) * relative))
+    return _Reached(float(gain), columns * weight, (target - solution @ columns) * weight)
 
 
 @dataclass(frozen=True)

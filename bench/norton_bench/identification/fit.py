@@ -13,7 +13,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
-from norton_bench.identification.current import fit_current
+from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.results import (
     FitResult,
@@ -308,7 +308,8 @@ def _in_terms_of_network(
         Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
         for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
     ]
-    current = fit_current(stretches, values[1], float(values[7]), float(values[0]), float(deviations[0]))
+    gain, bandwidth = (Known(float(values[at]), float(deviations[at])) for at in (0, 1))
+    current = fit_current(stretches, bandwidth, float(values[7]), gain)
     if current is not None:
         estimates += current.estimates(command_unit, statuses[0])
     limit = torque_limit(solution, values, covariance)

@@ -8,7 +8,7 @@ import numpy as np
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.control.preview import high_passed
-from norton_bench.identification.current import fit_current
+from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.friction_laws import family_for
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.friction_operators import part_sums
@@ -52,7 +52,7 @@ def _warm_fit(stretches: tuple[Signals, ...]) -> None:
     regression.jacobian(SHAPE, columns, np.ones(len(columns)))
     composed = replace(SHAPE, terms=TERMS)
     regression.with_terms(TERMS, 0.0, regression.middle_s).columns(composed)
-    fit_current(stretches, SHAPE.bandwidth_rad_s, SHAPE.command_delay_s, 1.0, 0.1)
+    fit_current(stretches, Known(SHAPE.bandwidth_rad_s, 0.1), SHAPE.command_delay_s, Known(1.0, 0.1))
 
 
 def _warm_friction() -> None:
