@@ -8,7 +8,6 @@ from math import exp, isnan, log, pi, sin
 
 import numpy as np
 from numba import njit
-from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
@@ -213,10 +212,11 @@ def bounded_solution(gram: FloatArray, moment: FloatArray, nonnegative: BoolArra
     solution = np.zeros(moment.size)
     if nonnegative.any():
         left = gram[np.ix_(nonnegative, nonnegative)] - gram[np.ix_(nonnegative, free)] @ coupling
-        # A trace of ridge: columns that are alike share what they explain.
-        root = np.linalg.cholesky(left + WEAKEST * np.eye(len(left)))
-        right = solve_triangular(root, moment[nonnegative] - coupling.T @ moment[free], lower=True)
-        solution[nonnegative] = nnls(root.T, right, maxiter=MOST_EXCHANGES * len(right))[0]
+        value, vector = np.linalg.eigh(left)
+        # A trace of ridge: columns that are alike share what they explain. Rounding may leave less than nothing of one.
+        root = np.sqrt(np.maximum(value, 0.0) + WEAKEST)
+        right = vector.T @ (moment[nonnegative] - coupling.T @ moment[free]) / root
+        solution[nonnegative] = nnls(root[:, None] * vector.T, right, maxiter=MOST_EXCHANGES * len(right))[0]
     solution[free] = inverse @ moment[free] - coupling @ solution[nonnegative]
     solution[silent] = 0.0
     return np.asarray(solution / scale)

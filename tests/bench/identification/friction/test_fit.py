@@ -138,6 +138,21 @@ def test_bounded_solution_is_scipys(seed, held):
     assert ours == pytest.approx(theirs, abs=1e-6)
 
 
+def test_columns_that_free_ones_explain_but_for_rounding():
+    """What is left of their squares is then a little less than nothing."""
+    rng = np.random.default_rng(3)
+    free = rng.standard_normal((4, 500))
+    held = rng.standard_normal((6, 4)) @ free
+    columns = np.concatenate([free, held])
+    nonnegative = np.repeat([False, True], [4, 6])
+    gram = columns @ columns.T
+    gram[4:, 4:] *= 1.0 - 1e-8  # as if summed in single precision
+    target = np.array([1.0, -2.0, 3.0, 0.5]) @ free
+    solution = bounded_solution(gram, columns @ target, nonnegative)
+    assert np.all(solution[4:] >= 0.0)
+    assert solution @ columns == pytest.approx(target, abs=1e-3)
+
+
 def test_a_silent_column_gets_nothing():
     columns = np.array([[1.0, 1.0, 1.0], [0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
     solution = bounded_solution(
