@@ -72,8 +72,7 @@ TICK = np.dtype(
 )
 NO_DEVICE_TIME = np.iinfo(np.int64).min
 
-# One row a reading. ``device_ns`` is NO_DEVICE_TIME where the device sends none; in recordings that are older than the
-# column it reads as 0.
+# One row a reading. ``device_ns`` is NO_DEVICE_TIME where the device sends none.
 MOTION = np.dtype(
     [
         ("arrival_ns", "i8"),
@@ -99,10 +98,8 @@ class Quantity(NamedTuple):
 
 def has_device_clock(table: Table) -> bool:
     """Whether every row bears the device's own time."""
-    if "device_ns" not in (table.dtype.names or ()) or not len(table):
-        return False
-    stamps = table["device_ns"]
-    return bool(stamps.any() and np.all(stamps != NO_DEVICE_TIME))
+    stamped = "device_ns" in (table.dtype.names or ()) and len(table) > 0
+    return stamped and bool(np.all(table["device_ns"] != NO_DEVICE_TIME))
 
 
 def _motion_row(reading: MotionReading) -> tuple[float, ...]:

@@ -40,7 +40,7 @@ class DynamixelLine:
 
     @property
     def by_chance(self) -> float:
-        return self._stream.packets.crc_errors * _MISSED_CRC
+        return self._stream.packets.bad_checksums * _MISSED_CRC
 
 
 class FeetechLine:

@@ -3,36 +3,28 @@
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 
-import can
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from TMotorCANControl.servo_can import CAN_Manager_servo
 
-from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_drivers.wiring import Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.context import DriveFault
+from tests.sim_backend.can_host import CanHost, opener
 
 NODE = 104
-MS = 1_000_000
 GAIN = 18.0  # of the simulated actuator, in amperes for a command of 1
 OPTIONS = {"node": NODE, "pole_pairs": 21, "gear_ratio": 9.0, "minimum_current": 0.05, "watchdog": 0.2}
 
 
-class Host:
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world, self.plant = backend.world, backend.world.plant
-        self.firmware = self.world.devices["actuator"]
-        self.bus = backend.open_can(wiring.buses[0]).bus
-
-    def wait(self, ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(ms * MS))
+class Host(CanHost):
+    extended = True
 
     def send(self, packet: int, data: bytes) -> None:
-        self.bus.send(can.Message(arbitration_id=packet << 8 | NODE, data=data, is_extended_id=True))
+        self.put(packet << 8 | NODE, data)
 
     def hold(self, current_a: float, ms: int) -> None:
         for _ in range(ms // 10):
@@ -40,26 +32,17 @@ class Host:
             self.wait(10)
 
     def uploads(self) -> list[bytes]:
-        frames = [each for each in iter(lambda: self.bus.recv(0), None) if each.is_extended_id]
+        frames = self.heard()
         assert all(each.arbitration_id == 0x2968 for each in frames)  # the manual's own example: 104
         return [bytes(each.data) for each in frames]
 
     def last(self) -> tuple[int, int, int, int, int]:
         return struct.unpack(">hhhbB", self.uploads()[-1])
 
-    @property
-    def current_a(self) -> float:
-        return self.plant.true_current_a("actuator")
-
 
 @pytest.fixture
 def open_host(wiring: Wiring, open_bench: Callable[..., SimulatedBackend]) -> Callable[..., Host]:
-    def opened(**options: object) -> Host:
-        actuator = DeviceSettings("actuator", "cubemars", bus="can0", options={**OPTIONS, **options})
-        with_motor = replace(wiring, actuator=actuator)
-        return Host(open_bench(with_motor), with_motor)
-
-    return opened
+    return opener(Host, open_bench, wiring, "cubemars", OPTIONS)
 
 
 @pytest.fixture

@@ -2,26 +2,24 @@
 
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from math import exp
 from types import SimpleNamespace
 
-import can
 import pytest
 from damiao_motor.core.motor import DaMiaoMotor
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_drivers.wiring import Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.context import DriveFault
+from tests.sim_backend.can_host import CanHost, opener
 
 NODE, MASTER = 3, 0x13
 P, V, T = 12.5, 50.0, 2.0
 ENABLE, DISABLE, ZERO, CLEAR = (bytes.fromhex("FF" * 7) + bytes((last,)) for last in (0xFC, 0xFD, 0xFE, 0xFB))
 GAIN_A_NM = 18.0  # of the simulated actuator
 FRICTION_NM, STIFFNESS_NM_RAD = 0.04, 0.9  # of both machines; of a servo with that gain per radian
-MS = 1_000_000
 OPTIONS = {"node": NODE, "master": MASTER, "position_range": P, "velocity_range": V, "torque_range": T,
            "velocity_bandwidth": 500.0}  # fmt: skip
 
@@ -31,21 +29,14 @@ def command(torque_nm: float) -> bytes:
     return (32767 << 48 | 2047 << 36 | torque).to_bytes(8, "big")
 
 
-class Host:
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world, self.plant = backend.world, backend.world.plant
-        self.firmware = self.world.devices["actuator"]
-        self.bus = backend.open_can(wiring.buses[0]).bus
-
-    def wait(self, ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(ms * MS))
+class Host(CanHost):
+    extended = False
 
     def send(self, data: bytes, identifier: int = NODE) -> None:
-        self.bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        self.put(identifier, data)
 
     def replies(self) -> list[bytes]:
-        frames = [each for each in iter(lambda: self.bus.recv(0), None) if not each.is_extended_id]
-        return [bytes(each.data) for each in frames if each.arbitration_id == MASTER]
+        return [bytes(each.data) for each in self.heard() if each.arbitration_id == MASTER]
 
     def ask(self, data: bytes, identifier: int = NODE) -> bytes:
         self.replies()
@@ -65,19 +56,10 @@ class Host:
             self.send(command(torque_nm))
             self.wait(10)
 
-    @property
-    def current_a(self) -> float:
-        return self.plant.true_current_a("actuator")
-
 
 @pytest.fixture
 def open_host(wiring: Wiring, open_bench: Callable[..., SimulatedBackend]) -> Callable[..., Host]:
-    def opened(**options: object) -> Host:
-        actuator = DeviceSettings("actuator", "damiao", bus="can0", options={**OPTIONS, **options})
-        with_motor = replace(wiring, actuator=actuator)
-        return Host(open_bench(with_motor), with_motor)
-
-    return opened
+    return opener(Host, open_bench, wiring, "damiao", OPTIONS)
 
 
 @pytest.fixture

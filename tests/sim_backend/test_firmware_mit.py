@@ -2,7 +2,6 @@
 
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -12,12 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from TMotorCANControl.mit_can import CAN_Manager
 
-from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_drivers.wiring import Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.context import DriveFault
-from norton_sim.firmware.mit import MitMotor
+from tests.sim_backend.can_host import CanHost, opener
 
-MS = 1_000_000
 NODE, MASTER = 5, 0x11
 P, V, T = 12.5, 100.0, 2.0
 ENABLE, DISABLE, ZERO = (bytes.fromhex("FF" * 7) + bytes((last,)) for last in (0xFC, 0xFD, 0xFE))
@@ -38,22 +36,13 @@ def command(torque_nm: float) -> bytes:
     return struct.pack(">Q", 0x7FFF_7FF0_0000_0000 | round((torque_nm + T) * 4095 / (2 * T)))
 
 
-class Host:
+class Host(CanHost):
     """Speaks to the actuator's drive in raw frames."""
 
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world = backend.world
-        self.plant = backend.world.plant
-        self.bus = backend.open_can(wiring.buses[0]).bus
-        firmware = backend.world.devices["actuator"]
-        assert isinstance(firmware, MitMotor)
-        self.firmware = firmware
-
-    def wait(self, duration_ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(duration_ms * MS))
+    extended = False
 
     def send(self, data: bytes) -> None:
-        self.bus.send(can.Message(arbitration_id=NODE, data=data, is_extended_id=False))
+        self.put(NODE, data)
 
     def ask(self, data: bytes) -> bytes:
         """The reply to one frame."""
@@ -64,8 +53,7 @@ class Host:
         return reply
 
     def replies(self) -> list[bytes]:
-        frames = [each for each in iter(lambda: self.bus.recv(0), None) if not each.is_extended_id]
-        return [bytes(each.data) for each in frames if each.arbitration_id == MASTER]
+        return [bytes(each.data) for each in self.heard() if each.arbitration_id == MASTER]
 
     def hold(self, torque_nm: float, duration_ms: int) -> None:
         for _ in range(duration_ms // 10):
@@ -76,10 +64,6 @@ class Host:
         self.send(command(0.0))
         self.send(ENABLE)
         self.wait(1)
-
-    @property
-    def current_a(self) -> float:
-        return self.plant.true_current_a("actuator")
 
 
 def fields(reply: bytes) -> tuple[int, int, int]:
@@ -92,12 +76,7 @@ OpenHost = Callable[..., Host]
 
 @pytest.fixture
 def open_host(wiring: Wiring, open_bench: Callable[..., SimulatedBackend]) -> OpenHost:
-    def opened(**options: object) -> Host:
-        actuator = DeviceSettings("actuator", "mit", bus="can0", options={**OPTIONS, **options})
-        with_motor = replace(wiring, actuator=actuator)
-        return Host(open_bench(with_motor), with_motor)
-
-    return opened
+    return opener(Host, open_bench, wiring, "mit", OPTIONS)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import math
 import struct
 from collections.abc import Callable
-from dataclasses import replace
 
 import can
 import pytest
@@ -11,37 +10,28 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robstride.client import Client, MotorError, MotorMode, RunMode
 
-from norton_drivers.wiring import DeviceSettings, Wiring
+from norton_drivers.wiring import Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.context import DriveFault
+from tests.sim_backend.can_host import CanHost, opener
 
 NODE, HOST = 9, 0xFD
 T = 17.0  # of an RS01
 GAIN_A_NM = 18.0  # of the simulated actuator
 FRICTION_NM, STIFFNESS_NM_RAD = 0.04, 0.9  # of both machines; of a servo with that gain per radian
-MS = 1_000_000
 
 
-class Host:
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world, self.plant = backend.world, backend.world.plant
-        self.firmware = self.world.devices["actuator"]
-        self.bus = backend.open_can(wiring.buses[0]).bus
-
-    def wait(self, ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(ms * MS))
+class Host(CanHost):
+    extended = True
 
     def send(self, kind: int, data: bytes = bytes(8), extra: int = HOST) -> None:
-        self.bus.send(can.Message(arbitration_id=kind << 24 | extra << 8 | NODE, data=data, is_extended_id=True))
-
-    def replies(self) -> list[can.Message]:
-        return [each for each in iter(lambda: self.bus.recv(0), None) if each.is_extended_id]
+        self.put(kind << 24 | extra << 8 | NODE, data)
 
     def ask(self, kind: int, data: bytes = bytes(8), extra: int = HOST) -> can.Message:
-        self.replies()
+        self.heard()
         self.send(kind, data, extra)
         self.wait(1)
-        (reply,) = self.replies()
+        (reply,) = self.heard()
         return reply
 
     def torque(self, torque_nm: float) -> can.Message:
@@ -59,19 +49,10 @@ class Host:
     def mode(self, reply: can.Message) -> int:
         return reply.arbitration_id >> 22 & 3
 
-    @property
-    def current_a(self) -> float:
-        return self.plant.true_current_a("actuator")
-
 
 @pytest.fixture
 def open_host(wiring: Wiring, open_bench: Callable[..., SimulatedBackend]) -> Callable[..., Host]:
-    def opened(**options: object) -> Host:
-        options = {"node": NODE, "motor": "rs01", **options}
-        with_motor = replace(wiring, actuator=DeviceSettings("actuator", "robstride", bus="can0", options=options))
-        return Host(open_bench(with_motor), with_motor)
-
-    return opened
+    return opener(Host, open_bench, wiring, "robstride", {"node": NODE, "motor": "rs01"})
 
 
 @pytest.fixture
@@ -81,7 +62,7 @@ def host(open_host: Callable[..., Host]) -> Host:
 
 def test_it_speaks_only_when_it_is_spoken_to(host: Host) -> None:
     host.wait(300)
-    assert host.replies() == []
+    assert host.heard() == []
     for kind, mode in ((4, 0), (1, 0), (3, 2), (6, 2), (18, 2), (4, 0)):
         reply = host.ask(kind, extra=32768 if kind == 1 else HOST)
         assert reply.arbitration_id == 2 << 24 | mode << 22 | NODE << 8 | HOST
@@ -154,10 +135,10 @@ def test_a_cybergear_takes_no_timeout(open_host: Callable[..., Host]) -> None:
 def test_a_fault_is_told_at_once_and_until_it_is_cleared(host: Host, fault: DriveFault, bit: int, detail: int) -> None:
     host.ask(3)
     host.hold(0.1, 50)
-    host.replies()
+    host.heard()
     host.firmware.break_down(fault)
     host.wait(1)
-    (told,) = host.replies()
+    (told,) = host.heard()
     assert told.arbitration_id == 21 << 24 | NODE << 8 | HOST
     assert told.data == (1 << detail).to_bytes(4, "little") + bytes(4)
     reply = host.ask(3)
@@ -197,12 +178,12 @@ def test_a_third_partys_host_reads_enables_drives_and_stops_it(host: Host) -> No
 
     class Bus:
         def send(self, frame: can.Message) -> None:
-            host.replies()
+            host.heard()
             host.bus.send(frame)
 
         def recv(self, _timeout: float) -> can.Message:
             host.wait(1)
-            return host.replies()[0]
+            return host.heard()[0]
 
     client = Client(Bus())
     assert client.read_param(NODE, "limit_torque") == T
@@ -228,4 +209,4 @@ def test_a_third_partys_host_reads_enables_drives_and_stops_it(host: Host) -> No
 def test_no_frame_makes_it_stumble(host: Host, data: bytes, kind: int, extra: int) -> None:
     host.send(kind, data, extra)
     host.wait(0.5)
-    host.replies()
+    host.heard()

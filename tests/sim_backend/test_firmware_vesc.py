@@ -8,7 +8,6 @@ from math import sqrt, tau
 from types import SimpleNamespace
 from typing import Any
 
-import can
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -17,9 +16,8 @@ from TMotorCANControl import servo_can
 from norton_drivers.wiring import DeviceSettings, Wiring
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.context import DriveFault
-from norton_sim.firmware.vesc import VescController
+from tests.sim_backend.can_host import CanHost
 
-MS = 1_000_000
 NODE, HOST = 23, 254
 POLE_PAIRS = 7
 SET_DUTY, SET_CURRENT, SHORT, STATUS, STATUS_4, PING, PONG, STATUS_5 = 0, 1, 8, 9, 16, 17, 18, 27
@@ -28,25 +26,16 @@ ASK_FAULT = bytes.fromhex("3200008000")
 OPTIONS = {"node": NODE, "pole_pairs": POLE_PAIRS, "minimum_current": 0.05, "watchdog": 1.0}
 
 
-class Host:
+class Host(CanHost):
     """Speaks to the actuator's drive in raw frames."""
 
-    def __init__(self, backend: SimulatedBackend, wiring: Wiring) -> None:
-        self.world = backend.world
-        self.plant = backend.world.plant
-        self.bus = backend.open_can(wiring.buses[0]).bus
-        firmware = backend.world.devices["actuator"]
-        assert isinstance(firmware, VescController)
-        self.firmware = firmware
+    extended = True
 
     def send(self, packet: int, data: bytes, node: int = NODE) -> None:
-        self.bus.send(can.Message(arbitration_id=packet << 8 | node, data=data, is_extended_id=True))
+        self.put(packet << 8 | node, data)
 
     def current(self, milliamperes: int) -> None:
         self.send(SET_CURRENT, struct.pack(">i", milliamperes))
-
-    def wait(self, duration_ms: float) -> None:
-        self.world.advance(self.world.now_ns + round(duration_ms * MS))
 
     def hold(self, milliamperes: int, duration_ms: int) -> None:
         """Command the same again and again, as a host must."""
@@ -56,10 +45,7 @@ class Host:
 
     def received(self, packet: int, node: int = NODE) -> list[bytes]:
         """What came under one identifier since the last call; the rest is dropped."""
-        frames = iter(lambda: self.bus.recv(0), None)
-        return [
-            bytes(each.data) for each in frames if each.is_extended_id and each.arbitration_id == packet << 8 | node
-        ]
+        return [bytes(each.data) for each in self.heard() if each.arbitration_id == packet << 8 | node]
 
     def status(self, packet: int = STATUS) -> tuple[int, ...]:
         """The newest status message's integers."""
@@ -74,10 +60,6 @@ class Host:
         (answer,) = self.received(SHORT, HOST)
         assert answer[:-1] == bytes((NODE, 1)) + ASK_FAULT
         return answer[-1]
-
-    @property
-    def current_a(self) -> float:
-        return self.plant.true_current_a("actuator")
 
 
 OpenHost = Callable[..., Host]

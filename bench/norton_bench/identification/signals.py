@@ -241,10 +241,7 @@ def _stretch(
     time_s = np.asarray(start_s + np.arange(count) * tick_s, dtype=np.float64)
     fine_s = np.asarray(start_s + np.arange(count * FINE) * (tick_s / FINE), dtype=np.float64)
     torque = streams.get("torque")
-    sent_s = sent_at_s(measured.ticks, origin_ns)
-    chosen = (sent_s >= start_s - LONGEST_GAP_S) & (sent_s <= end_s)
-    column = "command" if port is Port.ACTUATOR else "load_torque_nm"
-    sent_s, command = np.ascontiguousarray(sent_s[chosen]), np.ascontiguousarray(measured.ticks[column][chosen])
+    sent_s, command = _sent(measured, port, origin_ns, (start_s, end_s))
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
     servo = measured.chain.servo if port is Port.ACTUATOR else None
@@ -274,6 +271,14 @@ def _stretch(
         released_at_zero=port.value in measured.chain.released_at_zero,
         servo=servo,
     )
+
+
+def _sent(measured: Measured, port: Port, origin_ns: int, span: Span) -> tuple[FloatArray, FloatArray]:
+    """The commands of a stretch and those just before it, each with when it was sent [s]."""
+    sent_s = sent_at_s(measured.ticks, origin_ns)
+    chosen = (sent_s >= span[0] - LONGEST_GAP_S) & (sent_s <= span[1])
+    column = "command" if port is Port.ACTUATOR else "load_torque_nm"
+    return np.ascontiguousarray(sent_s[chosen]), np.ascontiguousarray(measured.ticks[column][chosen])
 
 
 def _below_limit(

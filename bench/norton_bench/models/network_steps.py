@@ -1,6 +1,6 @@
 """The integration of a network and of what its terms do there and then, compiled; none of the simulator's."""
 
-from math import cos, exp, sin
+from math import copysign, cos, exp, sin
 
 import numpy as np
 from numba import njit
@@ -149,6 +149,22 @@ def mean_velocity(
 
 
 @njit(cache=True, nogil=True)
+def _acceleration(
+    motor_parameters: tuple[float, float, float, float, float, float, float],
+    row: FloatArray,
+    waves: FloatArray,
+    state: tuple[float, float, float, float],
+    port_nm: float,
+) -> float:
+    torque_gain, _, inertia, viscous, s, sigma_0, sigma_1 = motor_parameters
+    position, velocity, motor, phi = state
+    exerted = driving(row, waves, motor, torque_gain, position) - port_nm
+    slope = s / strength(row, velocity, position, port_nm)
+    friction = sigma_0 * phi + sigma_1 * (velocity - slope * abs(velocity) * phi)
+    return float((exerted - friction - viscous * damping(row, velocity) * velocity) / inertia)
+
+
+@njit(cache=True, nogil=True)
 def free_motion(
     command: FloatArray,
     port: FloatArray,
@@ -176,15 +192,11 @@ def free_motion(
     history, newest = servo_steps.moving_evenly(int((loop[1] + loop[2]) / step_s) + 3, position, velocity * step_s), 0
     motion = np.empty((3, command.size))
     if command.size:  # no contact holds more than its strength
-        most = strength(row, velocity, position, port[0]) / s
-        phi = min(max(phi, -most), most)
+        phi = copysign(min(abs(phi), strength(row, velocity, position, port[0]) / s), phi)
     for k in range(command.size):
         asked = torque_gain * command[k]
-        exerted = driving(row, waves, motor, torque_gain, position) - port[k]
-        slope = s / strength(row, velocity, position, port[k])
-        friction = sigma_0 * phi + sigma_1 * (velocity - slope * abs(velocity) * phi)
         motion[0, k], motion[1, k] = position, velocity
-        motion[2, k] = (exerted - friction - viscous * damping(row, velocity) * velocity) / inertia
+        motion[2, k] = _acceleration(motor_parameters, row, waves, (position, velocity, motor, phi), port[k])
         for _ in range(substeps):
             if servo:
                 error = servo_steps.asked_in_step(command[k], history, newest, position, velocity, step_s, loop)

@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.records import NO_DEVICE_TIME
+
 Rows = npt.NDArray[np.void]
 Bytes = npt.NDArray[np.uint8]
 
@@ -142,7 +144,8 @@ class Layout:
 
 
 def table_from(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
-    """The columns of ``dtype`` out of ``rows``; a column that the file lacks is NaN (or 0 where it holds integers)."""
+    """The columns of ``dtype`` out of ``rows``. A column that the file lacks says that nothing is known (``device_ns``:
+    that the device has no clock), or is 0 where it cannot."""
     table = np.zeros(len(rows), dtype)
     present = rows.dtype.names or ()
     for name in dtype.names or ():
@@ -150,6 +153,8 @@ def table_from(rows: Rows, dtype: np.dtype[np.void]) -> Rows:
             table[name] = rows[name]
         elif dtype[name].kind == "f":
             table[name] = np.nan
+        elif name == "device_ns":
+            table[name] = NO_DEVICE_TIME
     return table
 
 

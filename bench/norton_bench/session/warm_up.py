@@ -75,8 +75,9 @@ def _made_up() -> Measured:
     ticks["tick_ns"], ticks["command"], ticks["load_torque_nm"] = stamp_ns, command, 0.1 * np.cos(30 * time_s)
     for table in (motion, torque, current):
         table["arrival_ns"], table["sequence"] = stamp_ns, np.arange(len(time_s))
+        table["device_ns"] = NO_DEVICE_TIME
     motion["position_rad"] = np.round(position / 1e-4) * 1e-4
     torque["torque_nm"], torque["valid"] = NETWORK.torque(command, position, TICK_S), True
-    torque["device_ns"], current["current_a"] = NO_DEVICE_TIME, command
+    current["current_a"] = command
     segment = SegmentInfo(0, "warm up", "sines", Use.CALIBRATE, "torque", 0, int(stamp_ns[-1]))
     return Measured(ticks, motion, motion, torque, current, segments=(segment,))

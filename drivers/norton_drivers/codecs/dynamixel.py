@@ -15,6 +15,7 @@ from enum import IntEnum
 from struct import Struct, error
 from typing import Final, NamedTuple
 
+from norton_drivers.codecs import half_duplex
 from norton_drivers.codecs.common import CodecError, crc16_8005
 from norton_drivers.codecs.half_duplex import Answer
 
@@ -107,7 +108,6 @@ class Dialect:
         self._answers = AnswerStream()
 
     def answers(self) -> "AnswerStream":
-        """The one stream of this line."""
         return self._answers
 
     def ping(self, node: int) -> bytes:
@@ -128,82 +128,38 @@ class Dialect:
         return Packet(BROADCAST, Instruction.SYNC_WRITE, _RANGE.pack(address, length) + data).encode()
 
 
-class PacketStream:
-    """Finds packets in a byte stream; what it finds does not depend on how the stream is cut.
+class PacketStream(half_duplex.PacketStream[Packet]):
+    """Finds packets in a byte stream. No packet is longer than ``longest``."""
 
-    ``discarded_bytes`` counts those that belong to none, ``crc_errors`` the packets whose CRC was wrong. No packet is
-    longer than ``longest``.
-    """
+    header = HEADER
+    head_bytes = HEAD_BYTES
 
     def __init__(self, longest: int = LONGEST) -> None:
-        self.discarded_bytes = 0
-        self.crc_errors = 0
+        super().__init__()
         self._longest = longest
-        self._buffer = bytearray()
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """The packets that ``data`` completes, oldest first. Never raises."""
-        self._buffer += data
-        packets: list[Packet] = []
-        while (length := self._first_length()) <= len(self._buffer):
-            frame = bytes(self._buffer[:length])
-            if crc16_8005(frame[:-CRC_BYTES]) == int.from_bytes(frame[-CRC_BYTES:], "little"):
-                del self._buffer[:length]
-                packets.append(_unpacked(frame, len(self._buffer)))
-            else:
-                self.crc_errors += 1
-                self._discard(1)
-        return packets
+    def _length(self, head: bytearray) -> int | None:
+        length = HEAD_BYTES + int.from_bytes(head[5:7], "little")
+        return length if HEAD_BYTES + LEAST_LENGTH <= length <= self._longest else None
 
-    def drop(self) -> None:
-        """Forget the packet that has begun."""
-        self._discard(len(self._buffer))
-
-    def _first_length(self) -> int:
-        """The length of the packet that the buffer begins with, after what cannot begin one is discarded; more than it
-        holds, where that is not known yet."""
-        while self._buffer:
-            start = self._buffer.find(HEADER)
-            # Without a header, its first bytes may be at the end.
-            kept = next((n for n in (3, 2, 1) if self._buffer.endswith(HEADER[:n])), 0)
-            self._discard(start if start >= 0 else len(self._buffer) - kept)
-            if start < 0 or len(self._buffer) < HEAD_BYTES:
-                break
-            length = HEAD_BYTES + int.from_bytes(self._buffer[5:7], "little")
-            if HEAD_BYTES + LEAST_LENGTH <= length <= self._longest:
-                return length
-            self._discard(1)
-        return len(self._buffer) + 1
-
-    def _discard(self, count: int) -> None:
-        self.discarded_bytes += count
-        del self._buffer[:count]
+    def _unpacked(self, frame: bytes, later_bytes: int) -> Packet | None:
+        if crc16_8005(frame[:-CRC_BYTES]) != int.from_bytes(frame[-CRC_BYTES:], "little"):
+            return None
+        node, body = frame[4], frame[HEAD_BYTES:-CRC_BYTES]
+        if not (node == BROADCAST and body[0] == Instruction.STATUS):  # nothing is stuffed there
+            body = body.replace(_STUFFED, _TO_STUFF)
+        return Packet(node, body[0], body[1:], later_bytes)
 
 
-def _unpacked(frame: bytes, later_bytes: int) -> Packet:
-    node, body = frame[4], frame[HEAD_BYTES:-CRC_BYTES]
-    if not (node == BROADCAST and body[0] == Instruction.STATUS):  # nothing is stuffed there
-        body = body.replace(_STUFFED, _TO_STUFF)
-    return Packet(node, body[0], body[1:], later_bytes)
-
-
-class AnswerStream:
-    """The answers of servos in a byte stream. ``packets`` counts what is none; ``fast_length`` is how long the data of
-    each servo is in the answer to a Fast Sync Read."""
+class AnswerStream(half_duplex.AnswerStream[Packet]):
+    """The answers of servos in a byte stream. ``fast_length`` is how long the data of each servo is in the answer to a
+    Fast Sync Read."""
 
     LONGEST_ANSWER: Final = 256
 
     def __init__(self) -> None:
-        self.packets = PacketStream(self.LONGEST_ANSWER)
+        super().__init__(PacketStream(self.LONGEST_ANSWER))
         self.fast_length = 0
-
-    def feed(self, data: bytes) -> list[Answer]:
-        """The answers that ``data`` completes, oldest first. Never raises."""
-        return [answer for packet in self.packets.feed(data) for answer in self._answers_in(packet)]
-
-    def drop(self) -> None:
-        """Forget what has begun."""
-        self.packets.drop()
 
     def _answers_in(self, packet: Packet) -> Iterator[Answer]:
         if packet.instruction != Instruction.STATUS or not packet.parameters:

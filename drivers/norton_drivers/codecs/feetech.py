@@ -7,10 +7,11 @@ with a bit for the sign. Sources: Feetech, "Communication Protocol User Manual" 
 feetech-servo-sdk 1.0, scservo_sdk/protocol_packet_handler.py and scservo_def.py (error bits, byte order, signs).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import Final, Literal, NamedTuple
 
+from norton_drivers.codecs import half_duplex
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.half_duplex import Answer
 
@@ -76,7 +77,7 @@ class Packet(NamedTuple):
         return HEADER + body + bytes((checksum(body),))
 
 
-def checksum(body: bytes | bytearray) -> int:
+def checksum(body: bytes) -> int:
     """Of all between FF FF and itself."""
     return ~sum(body) & 0xFF
 
@@ -91,7 +92,6 @@ class Dialect:
         self._answers = AnswerStream()
 
     def answers(self) -> "AnswerStream":
-        """The one stream of this line."""
         return self._answers
 
     def ping(self, node: int) -> bytes:
@@ -117,69 +117,27 @@ class Dialect:
         return packet.encode()
 
 
-class PacketStream:
-    """Finds packets in a byte stream; what it finds does not depend on how the stream is cut.
+class PacketStream(half_duplex.PacketStream[Packet]):
+    """Finds packets in a byte stream."""
 
-    ``discarded_bytes`` counts those that belong to none, ``bad_checksums`` the packets whose checksum was wrong.
-    """
+    header = HEADER
+    head_bytes = 4
 
-    def __init__(self) -> None:
-        self.discarded_bytes = 0
-        self.bad_checksums = 0
-        self._buffer = bytearray()
+    def _length(self, head: bytearray) -> int | None:
+        return head[3] + 4 if head[2] <= BROADCAST and 2 <= head[3] <= PARAMETERS_MAX + 2 else None
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """The packets that ``data`` completes, oldest first. Never raises."""
-        self._buffer += data
-        packets: list[Packet] = []
-        while (length := self._first_length()) <= len(self._buffer):
-            body = self._buffer[2 : length - 1]
-            if checksum(body) == self._buffer[length - 1]:
-                del self._buffer[:length]
-                packets.append(Packet(body[0], body[2], bytes(body[3:]), len(self._buffer)))
-            else:
-                self.bad_checksums += 1
-                self._discard(1)
-        return packets
-
-    def drop(self) -> None:
-        """Forget the packet that has begun."""
-        self._discard(len(self._buffer))
-
-    def _first_length(self) -> int:
-        """The length of the packet that the buffer begins with, after what cannot begin one is discarded; more than it
-        holds, where that is not known yet."""
-        while self._buffer:
-            start = self._buffer.find(HEADER)
-            kept = 1 if self._buffer[-1] == HEADER[0] else 0
-            self._discard(start if start >= 0 else len(self._buffer) - kept)
-            if start < 0 or len(self._buffer) < 4:
-                break
-            if self._buffer[2] <= BROADCAST and 2 <= self._buffer[3] <= PARAMETERS_MAX + 2:
-                return self._buffer[3] + 4
-            self._discard(1)
-        return len(self._buffer) + 1
-
-    def _discard(self, count: int) -> None:
-        self.discarded_bytes += count
-        del self._buffer[:count]
+    def _unpacked(self, frame: bytes, later_bytes: int) -> Packet | None:
+        body = frame[2:-1]
+        return Packet(body[0], body[2], body[3:], later_bytes) if checksum(body) == frame[-1] else None
 
 
-class AnswerStream:
+class AnswerStream(half_duplex.AnswerStream[Packet]):
     """The answers of servos in a byte stream. ``echo`` is the question that may come back as it was sent."""
 
     def __init__(self) -> None:
-        self.packets = PacketStream()
+        super().__init__(PacketStream())
         self.echo: Packet | None = None
 
-    def feed(self, data: bytes) -> list[Answer]:
-        """The answers that ``data`` completes, oldest first. Never raises."""
-        return [
-            Answer(packet.node, packet.code, packet.parameters, packet.later_bytes)
-            for packet in self.packets.feed(data)
-            if packet.node <= NODE_MAX and (self.echo is None or packet[:3] != self.echo[:3])
-        ]
-
-    def drop(self) -> None:
-        """Forget what has begun."""
-        self.packets.drop()
+    def _answers_in(self, packet: Packet) -> Iterator[Answer]:
+        if packet.node <= NODE_MAX and (self.echo is None or packet[:3] != self.echo[:3]):
+            yield Answer(*packet)

@@ -11,7 +11,7 @@ from math import copysign, inf, nan, pi, radians
 from typing import Any, ClassVar, Literal
 
 import can
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, field_validator
 
 from norton_drivers.codecs import cubemars as protocol
 from norton_drivers.codecs import vesc
@@ -24,9 +24,9 @@ from norton_drivers.ports import CanPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveStatus, MotionReading
 from norton_drivers.registry import Recognised
 from norton_drivers.vesc.current import CurrentDrive
-from norton_drivers.vesc.motor import Encoded, encoded_current
+from norton_drivers.vesc.motor import AmpereOptions
 from norton_drivers.vesc.shaft import VescShaft
-from norton_drivers.wiring import DeviceOptions, DeviceSettings, parse_options
+from norton_drivers.wiring import DeviceSettings, parse_options
 
 SILENT_NS = 150_000_000
 COUNTED_S = 0.1
@@ -39,7 +39,7 @@ BITRATE = "1 Mbit/s"
 OPTION_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s", "watchdog_probe": "A"}
 
 
-class CubeMarsOptions(DeviceOptions):
+class CubeMarsOptions(AmpereOptions):
     """What a rig file may say of a CubeMars actuator in servo mode."""
 
     asked: ClassVar = ("mode", "beyond_range")
@@ -85,37 +85,13 @@ class CubeMarsOptions(DeviceOptions):
     )
 
     @property
-    def per_ampere(self) -> float:
-        """The command that one ampere is."""
-        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
-
-    @property
-    def dead_band(self) -> float:
-        return self.minimum_current_a * self.per_ampere
-
-    @property
-    def released_at_zero(self) -> bool:
-        return self.dead_band > 0.0
-
-    @property
     def greatest_position_rad(self) -> float:
         return radians(protocol.POSITION_END_DEG) if self.beyond_range == "saturates" else inf
-
-    def encoded(self, value: float) -> Encoded:
-        """A command in the actuator's own sense. Raises CodecError for what cannot be sent."""
-        return encoded_current(value, self.per_ampere, self.minimum_current_a)
 
     @property
     def rad_s_per_erpm(self) -> float:
         """At the output."""
         return 2 * pi / 60 / self.pole_pairs / self.gear_ratio
-
-    @field_validator("torque_constant_nm_a")
-    @classmethod
-    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
-        if constant is None and info.data.get("mode") == "torque":
-            raise ValueError('mode = "torque" needs it')
-        return constant
 
     @field_validator("watchdog_probe_a")
     @classmethod

@@ -57,7 +57,7 @@ class BusServo(DriveBase):
         self._seen_ns = 0
         self._count = 0
         self._faults: tuple[str, ...] = ()  # since it was enabled
-        self._deadline_ns = 0
+        self._deadline_ns = self._fed_ns = 0
         bus.join(self)
 
     # ---- What each family says of itself -------------------------------------------------------------------------
@@ -91,7 +91,7 @@ class BusServo(DriveBase):
     def enable(self, timeout_s: float = 2.0) -> None:
         """Torque off, everything set and read back, then torque on at a command of zero."""
         self._deadline_ns = self._link.clock.now_ns() + round(timeout_s * 1e9)
-        self.driving, self.quiet_until_ns, self._faults, self._status = False, 0, (), None
+        self.driving, self.quiet_until_ns, self._fed_ns, self._faults, self._status = False, 0, 0, (), None
         self._set(self.torque_enable, b"\0")
         self._set_up()
         self._await(lambda: not self._now().torque_on)
@@ -102,11 +102,12 @@ class BusServo(DriveBase):
                 self._led.begin(self._now().position_rad, self._link.clock.now_ns())
             except DeviceError as error:
                 raise DeviceError(f"{self._place}: cannot be enabled: {error}") from error
-        self._write(self.share.goal.address, self._goal(0.0)[0] if self._led is None else self._standing())
+        standing = 0.0 if self._led is None else self._now().position_rad
+        self._write(self.share.goal.address, self._goal(standing)[0])
         self._set(self.torque_enable, b"\1")
         self._arm()
         self.driving, self._status = True, None
-        self._await(lambda: self._now().torque_on and not self._now().expired, self._feeding())
+        self._await(lambda: self._now().torque_on and not self._now().expired, self._feed)
         self._bus.finish(self._deadline_ns)
 
     def command(self, value: float) -> float:
@@ -166,59 +167,47 @@ class BusServo(DriveBase):
         return answer.data
 
     def _ask(self, question: bytes, length: int) -> Answer:
-        pending = self._bus.ask(question, self._servo_options.node, length, self._servo_options.return_delay_s)
+        asked = (question, self._servo_options.node, length, self._servo_options.return_delay_s)
+        pending = self._bus.ask(*asked)
 
         def answered() -> bool:
             nonlocal pending
             if pending.done and pending.answer is None:
-                pending = self._bus.ask(question, self._servo_options.node, length, self._servo_options.return_delay_s)
+                pending = self._bus.ask(*asked)
             return pending.answer is not None
 
-        left_s = max(self._deadline_ns - self._link.clock.now_ns(), 0) * 1e-9
-        if not wait_until(answered, self._link, left_s) or pending.answer is None:
+        if not wait_until(answered, self._link, self._left_s()) or pending.answer is None:
             raise DeviceTimeoutError(self._silence())
         return pending.answer
 
     def _silence(self) -> str:
-        return f"{self._place}: does not answer; {self._checks()}"
-
-    def _checks(self) -> str:
-        """What to look at where it is silent."""
         return (
-            f"check its supply, its wiring, its id (node = {self._servo_options.node}) and its baud rate "
-            f"({self._servo_options.baud})"
+            f"{self._place}: does not answer; check its supply, its wiring, its id "
+            f"(node = {self._servo_options.node}) and its baud rate ({self._servo_options.baud})"
         )
 
     def _await(self, arrived: Callable[[], bool], meanwhile: Callable[[], object] | None = None) -> None:
         """Wait for readings that come from now on."""
         count = self._count
-        left_s = max(self._deadline_ns - self._link.clock.now_ns(), 0) * 1e-9
-        if not wait_until(lambda: self._count > count + 1 and arrived(), self._link, left_s, meanwhile):
+        if not wait_until(lambda: self._count > count + 1 and arrived(), self._link, self._left_s(), meanwhile):
             raise DeviceTimeoutError(self._silence() if self._count == count else self._stuck())
+
+    def _left_s(self) -> float:
+        return max(self._deadline_ns - self._link.clock.now_ns(), 0) * 1e-9
 
     def _stuck(self) -> str:
         errors = "; ".join(self._now().errors) or "it reports no error"
         return f"{self._place}: cannot be enabled: torque {'on' if self._now().torque_on else 'off'}, {errors}"
 
-    def _feeding(self) -> Callable[[], None]:
-        fed_ns = 0
-
-        def feed() -> None:
-            nonlocal fed_ns
-            now_ns = self._link.clock.now_ns()
-            if now_ns - fed_ns >= FEED_NS:
-                fed_ns = now_ns
-                self.command(0.0)
-
-        return feed
+    def _feed(self) -> None:
+        now_ns = self._link.clock.now_ns()
+        if now_ns - self._fed_ns >= FEED_NS:
+            self._fed_ns = now_ns
+            self.command(0.0)
 
     def _now(self) -> Seen:
         assert self._seen is not None
         return self._seen
-
-    def _standing(self) -> bytes:
-        """A goal where the shaft is."""
-        return self._goal(self._now().position_rad)[0]
 
     # ---- State ---------------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from norton_drivers.codecs import dynamixel, feetech
-from norton_drivers.codecs.half_duplex import Answer, Answers
+from norton_drivers.codecs.half_duplex import Answer, AnswerStream
 from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
 
@@ -24,7 +24,7 @@ class Found:
 
 
 class _Listener:
-    def __init__(self, port: SerialPort, answers: Answers) -> None:
+    def __init__(self, port: SerialPort, answers: AnswerStream[Any]) -> None:
         self.heard: list[Answer] = []
         self._answers = answers
         port.subscribe(self._on_bytes)

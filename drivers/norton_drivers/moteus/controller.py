@@ -69,12 +69,8 @@ class MoteusController(DriveBase):
     def identify(self, timeout_s: float = 1.0) -> DeviceIdentity:
         """Ask who it is, and for its motion."""
         self._identities.clear()
-        replies = self._replies
-
-        def told() -> bool:
-            return bool(self._identities) and self._replies > replies
-
-        if not wait_until(told, self._link, timeout_s, lambda: self._now_and_then(protocol.ASK_IDENTITY)):
+        replies, ask = self._replies, partial(self._now_and_then, protocol.ASK_IDENTITY)
+        if not wait_until(lambda: self._replies > replies and self._identities != [], self._link, timeout_s, ask):
             raise DeviceTimeoutError(
                 f"{self._place}: does not answer ({timeout_s:g} s waited); is it powered, is node its id.id and prefix "
                 "its can.prefix, and does the bus have 1 and 5 Mbit/s with sample points at two thirds of a bit?"

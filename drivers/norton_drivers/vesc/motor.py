@@ -1,7 +1,7 @@
 """What VESCs have in common, whichever line they are on: options, commands and faults."""
 
 from math import isfinite
-from typing import ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -13,7 +13,44 @@ TIMEOUT_LOOK_S = 0.010  # how often the firmware looks whether the timeout is ov
 MOTOR_UNITS = {"torque_constant": "N*m/A", "minimum_current": "A", "watchdog": "s"}
 
 
-class VescMotorOptions(DeviceOptions):
+class AmpereOptions(DeviceOptions):
+    """Base of the options of drives that take currents. Each declares the fields, in the order of its questions."""
+
+    if TYPE_CHECKING:
+        mode: str
+        torque_constant_nm_a: float | None
+        minimum_current_a: float
+
+    @property
+    def per_ampere(self) -> float:
+        """The command that one ampere is."""
+        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
+
+    @property
+    def dead_band(self) -> float:
+        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
+
+    @property
+    def released_at_zero(self) -> bool:
+        return self.dead_band > 0.0
+
+    @field_validator("torque_constant_nm_a", check_fields=False)
+    @classmethod
+    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
+        if constant is None and info.data.get("mode") == "torque":
+            raise ValueError('mode = "torque" needs it')
+        return constant
+
+    def encoded(self, value: float) -> "Encoded":
+        """A command in the drive's own sense. Raises CodecError for what cannot be sent."""
+        current_a = value / self.per_ampere
+        if abs(current_a) < self.minimum_current_a:
+            current_a = 0.0  # the drive lets go of the motor
+        payload = protocol.current_value(current_a)
+        return Encoded(payload, protocol.current_of(payload) * self.per_ampere)
+
+
+class VescMotorOptions(AmpereOptions):
     """What a rig file may say of a VESC and its motor."""
 
     asked: ClassVar[tuple[str, ...]] = ("mode", "position", "minimum_current")
@@ -51,32 +88,11 @@ class VescMotorOptions(DeviceOptions):
         examples=["1 s"],
     )
 
-    @property
-    def per_ampere(self) -> float:
-        """The command that one ampere is."""
-        return self.torque_constant_nm_a if self.mode == "torque" and self.torque_constant_nm_a else 1.0
-
-    @property
-    def dead_band(self) -> float:
-        return 0.0 if self.mode == "duty" else self.minimum_current_a * self.per_ampere
-
-    @property
-    def released_at_zero(self) -> bool:
-        return self.dead_band > 0.0
-
-    @field_validator("torque_constant_nm_a")
-    @classmethod
-    def _is_there_for_torque(cls, constant: float | None, info: ValidationInfo) -> float | None:
-        if constant is None and info.data.get("mode") == "torque":
-            raise ValueError('mode = "torque" needs it')
-        return constant
-
     def encoded(self, value: float) -> "Encoded":
-        """A command in the drive's own sense. Raises CodecError for what cannot be sent."""
         if self.mode == "duty":
             payload = protocol.duty_value(min(max(value, -1.0), 1.0) if isfinite(value) else value)
             return Encoded(payload, protocol.duty_of(payload))
-        return encoded_current(value, self.per_ampere, self.minimum_current_a)
+        return super().encoded(value)
 
 
 class Encoded(NamedTuple):
@@ -84,15 +100,6 @@ class Encoded(NamedTuple):
 
     payload: bytes
     sent: float
-
-
-def encoded_current(value: float, per_ampere: float, minimum_a: float) -> Encoded:
-    """A current for a command of which one ampere is ``per_ampere``. Raises CodecError for what cannot be sent."""
-    current_a = value / per_ampere
-    if abs(current_a) < minimum_a:
-        current_a = 0.0  # the drive lets go of the motor
-    payload = protocol.current_value(current_a)
-    return Encoded(payload, protocol.current_of(payload) * per_ampere)
 
 
 def fault_words(code: int) -> str:

@@ -26,8 +26,7 @@ STARTING_NS = 12_000_000  # the gate driver, and the calibration of the current 
 DEFAULT_TIMEOUT_S = 0.1  # servo.default_timeout_s
 TIMEOUT_TORQUE_NM = 5.0  # servo.timeout_max_torque_Nm
 SUPPLY_V = 24.0
-TOO_HOT = 38
-FAULTS = {DriveFault.FAULT: 33, DriveFault.UNDERVOLTAGE: 40, DriveFault.OVER_TEMPERATURE: TOO_HOT}
+FAULTS = {DriveFault.FAULT: 33, DriveFault.UNDERVOLTAGE: 40, DriveFault.OVER_TEMPERATURE: 38}
 # Registers that are 32-bit integers and nothing else; the first is any number.
 WHOLE: dict[int, int] = {Register.MODEL: 0x0604, Register.FIRMWARE: 0x000107, Register.REGISTER_MAP: 5}
 DEFAULTS: dict[int, float] = {
@@ -80,7 +79,8 @@ class MoteusBoard(RegisterServer):
         return self.mode in DRIVING
 
     def break_down(self, fault: DriveFault) -> None:
-        self._fail(FAULTS[fault])
+        self.mode, self.fault = Mode.FAULT, FAULTS[fault]
+        self._plant.release(self._machine)
 
     def freeze(self) -> None:
         """From now on report the position and velocity of this instant."""
@@ -117,14 +117,12 @@ class MoteusBoard(RegisterServer):
         if wanted is Mode.STOPPED:
             self.mode, self.fault = Mode.STOPPED, 0
             self._plant.release(self._machine)
-        elif wanted not in COMMANDABLE or self.mode in (Mode.FAULT, Mode.TIMEOUT, Mode.CALIBRATING):
-            return
-        elif self.mode is Mode.STOPPED:
-            self.mode = Mode.CALIBRATING
-            self._world.at(self._world.now_ns + STARTING_NS, lambda _: self._enter(wanted))
-        else:
-            self.mode = Mode.CALIBRATING
-            self._enter(wanted)
+        elif wanted in COMMANDABLE and self.mode not in (Mode.FAULT, Mode.TIMEOUT, Mode.CALIBRATING):
+            stopped, self.mode = self.mode is Mode.STOPPED, Mode.CALIBRATING
+            if stopped:
+                self._world.at(self._world.now_ns + STARTING_NS, lambda _: self._enter(wanted))
+            else:
+                self._enter(wanted)
 
     def _enter(self, mode: Mode) -> None:
         if self.mode is not Mode.CALIBRATING:
@@ -199,8 +197,4 @@ class MoteusBoard(RegisterServer):
     def _look(self, _stamp_ns: int) -> None:
         self.heating.carry(self._plant.true_current_a(self._machine), LOOK_PERIOD_NS * 1e-9)
         if self.heating.too_hot and self.mode is not Mode.STOPPED:
-            self._fail(TOO_HOT)
-
-    def _fail(self, fault: int) -> None:
-        self.mode, self.fault = Mode.FAULT, fault
-        self._plant.release(self._machine)
+            self.break_down(DriveFault.OVER_TEMPERATURE)

@@ -2,8 +2,7 @@
 
 Sources: as :mod:`norton_drivers.codecs.odrive_ascii`; interface_uart.cpp (bytes are looked for at 8 kHz); axis.cpp of
 firmware 0.5.6 (the watchdog minds an idle axis too; a loop that cannot be closed leaves it idle); API reference of
-firmware 0.6 (``disarm_reason``). Only torque control with passed-through input is emulated, and the properties that a
-host of that needs.
+firmware 0.6 (``disarm_reason``). Only torque control with passed-through input is emulated, and what hosts need for it.
 """
 
 from collections.abc import Callable
@@ -26,8 +25,7 @@ LOOK_PERIOD_NS = 125_000
 WARM_PERIOD_NS = 10_000_000
 LONGEST_LINE = 256
 NINE = 9  # characters of a property's value
-VERSIONS = {"0.5": ("0", "5", "6"), "0.6": ("0", "6", "10")}
-HARDWARE = {"0.5": ("3", "6", "56"), "0.6": ("4", "4", "58")}
+BOARDS = {"0.5": ("0", "5", "6", "3", "6", "56"), "0.6": ("0", "6", "10", "4", "4", "58")}  # version and hardware
 
 
 class ODriveText:
@@ -45,8 +43,8 @@ class ODriveText:
         self._watchdog = Watchdog(context.world, self._starve)
         self._byte_ns = BITS_PER_BYTE * 1e9 / opened_at(options.baud)
         self._sent_ns = 0  # when the last response was out
-        self._board = dict(zip(properties.VERSION, VERSIONS[options.firmware], strict=True))
-        self._board |= dict(zip(properties.HARDWARE, HARDWARE[options.firmware], strict=True))
+        self._board = dict(zip(properties.VERSION + properties.HARDWARE, BOARDS[options.firmware], strict=True))
+        self._board[properties.SUPPLY] = f"{SUPPLY_V:f}"[:NINE]
         self._connector = context.serial_connector()
         lines = LineServer(context, self._process, least_ns=0, jitter_ns=LOOK_PERIOD_NS, longest=LONGEST_LINE)
         self._connector.on_bytes(lines.receive)
@@ -80,8 +78,7 @@ class ODriveText:
                 text = ascii_protocol.text_in(data)
             except CodecError:
                 return
-        answer = self._answer_to(text.strip())
-        if answer is not None:
+        if (answer := self._answer_to(text.strip())) is not None:
             self._respond(answer, summed)
 
     def _respond(self, text: str, summed: bool) -> None:
@@ -97,13 +94,7 @@ class ODriveText:
         if word == ascii_protocol.CLEAR_ERRORS:
             self.errors.clear()
             return None
-        answers: dict[str, Callable[[list[str]], str | None]] = {
-            "c": self._command,
-            "f": self._feedback,
-            "r": self._read,
-            "u": self._feed,
-            "w": self._write,
-        }
+        answers = {"c": self._command, "f": self._feedback, "r": self._read, "u": self._feed, "w": self._write}
         try:
             return answers[word](rest) if word in answers else ascii_protocol.UNKNOWN
         except (ValueError, IndexError):
@@ -113,15 +104,14 @@ class ODriveText:
         return None if int(axis) == self._axis else f"invalid motor {axis}"
 
     def _command(self, rest: list[str]) -> str | None:
-        axis, torque_nm = rest[0], float(rest[1])
-        if (other := self._is_other(axis)) is not None:
-            return other
-        self._watchdog.feed()
-        self.motor.input_nm = torque_nm
-        self.motor.drive()
-        return None
+        torque_nm, other = float(rest[1]), self._is_other(rest[0])
+        if other is None:
+            self._watchdog.feed()
+            self.motor.input_nm = torque_nm
+            self.motor.drive()
+        return other
 
-    def _feedback(self, rest: list[str]) -> str:
+    def _feedback(self, rest: list[str]) -> str | None:
         return self._is_other(rest[0]) or ascii_protocol.feedback_text(*self.motor.estimates())
 
     def _feed(self, rest: list[str]) -> str | None:
@@ -135,12 +125,10 @@ class ODriveText:
         prefix = f"axis{self._axis}."
         return path.removeprefix(prefix) if path.startswith(prefix) else ""
 
-    def _read(self, rest: list[str]) -> str:
+    def _read(self, rest: list[str]) -> str | None:
         (path,) = rest
         if path in self._board:
             return self._board[path]
-        if path == properties.SUPPLY:
-            return f"{SUPPLY_V:f}"[:NINE]
         name = self._name_of(path)
         if name in self._names.errors or name in self._names.reasons:
             return str(self.errors.get(name, 0))
@@ -191,12 +179,8 @@ class ODriveText:
     def _refuse(self) -> None:
         """Note what keeps the loop from being closed."""
         if not self.motor.in_torque_control:
-            name, bits = (
-                ("controller.error", CONTROLLER_INVALID_MODE)
-                if self.old
-                else ("active_errors", ERROR_BAD_CONFIGURATION)
-            )
-            self.fail(name, bits)
+            bits = CONTROLLER_INVALID_MODE if self.old else ERROR_BAD_CONFIGURATION
+            self.fail("controller.error" if self.old else "active_errors", bits)
         elif isnan(self.motor.input_nm):
             self.fail("active_errors", ERROR_MISSING_INPUT)
 

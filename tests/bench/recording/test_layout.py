@@ -9,7 +9,7 @@ from norton_bench.recording import frames
 from norton_bench.recording.layout import HEADER, Layout, fields_of, table_from, varint
 from norton_bench.recording.schemas import RAW_MESSAGE, layout_in, message_class, raw_fields, raw_names, schema_bytes
 from norton_bench.recording.wire import Frames
-from norton_bench.records import TABLES, TICK
+from norton_bench.records import MOTION, TABLES, TICK, has_device_clock
 from norton_drivers.readings import RawFrame
 
 INTEGERS = st.integers(-(2**63), 2**63 - 1)
@@ -96,3 +96,13 @@ def test_a_column_that_an_older_file_lacks_is_unknown() -> None:
     table = table_from(older, TICK)
     assert (table["tick_ns"][0], table["command"][0], table["segment"][0]) == (5, 1.5, 0)
     assert np.isnan(table["torque_nm"][0])
+
+
+def test_readings_of_an_older_file_without_the_column_bear_no_device_time() -> None:
+    layout = Layout(fields_of(np.dtype([(name, MOTION[name]) for name in MOTION.names if name != "device_ns"])))
+    motion = np.zeros(2, MOTION)
+    motion["position_rad"] = 1.5, 2.5
+    older = layout.encode(motion, channel=1, first_sequence=0, stamp="arrival_ns").tobytes()
+    table = table_from(layout.decode(older), MOTION)
+    assert list(table["position_rad"]) == [1.5, 2.5]
+    assert not has_device_clock(table)
