@@ -323,6 +323,22 @@ def _command_limit(draft: Draft) -> Found:
         )
 
 
+def _command_velocity(draft: Draft) -> Found:
+    """A velocity that is commanded is one that a free shaft has."""
+    if draft.actuator is None or draft.limits is None:
+        return
+    declared = amplifier_options(draft.actuator.driver, draft.options.get("actuator", {}))
+    if declared is None or declared.servo is None or declared.servo.holds_position:
+        return
+    command, greatest_rad_s = draft.actuator.command, draft.limits.velocity_rad_s
+    if command.sent_as is None and command.limit > greatest_rad_s:
+        yield (
+            "[actuator.command] limit",
+            f"{command.limit:g} {command.unit} is what a free shaft would turn at, and [limits] velocity = "
+            f"{greatest_rad_s:g} rad/s; lower the command's limit or raise the velocity's",
+        )
+
+
 def _readable(draft: Draft) -> Found:
     """The guard must see what it is to hold: a drive's readings may end, or begin anew, before a limit is reached."""
     if draft.limits is None:
@@ -386,6 +402,7 @@ CHECKS: tuple[Callable[[Draft], Found], ...] = (
     _torque_limits,
     _twist,
     _command_limit,
+    _command_velocity,
     _command_units,
     _readable,
 )
