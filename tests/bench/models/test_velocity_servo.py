@@ -76,7 +76,7 @@ def test_turned_it_is_a_damper():
 
 
 def test_delays_are_inertia_less():
-    """At low frequencies s·e^(−Ds) is s − D·s²: that takes K·D off the inertia, with D the delay and half the window."""
+    """At low frequencies s·e^(−Ds) is s − D·s²: that takes K·D off the inertia, D being delay and half the window."""
     angle = 0.2 * np.sin(2 * np.pi * 2.0 * TIME_S)
     acceleration = np.gradient(np.gradient(angle, TICK_S), TICK_S)
     later = replace(NETWORK, servo=replace(SERVO, delay_s=SERVO.delay_s + 0.5e-3, window_s=SERVO.window_s + 1e-3))
