@@ -245,6 +245,12 @@ class Regression:
         total = sum((rows.position_errors(shape) * rows.usable.size for rows in self.rows), np.zeros((5, 5)))
         return np.asarray((total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy)
 
+    def shared_slope(self, shape: Shape, linear: FloatArray) -> float:
+        """Half of how what they add to the squares of the residual changes with log β, at these linear unknowns."""
+        quicker = replace(shape, bandwidth_rad_s=shape.bandwidth_rad_s * np.exp(SMALL))
+        now, then = (self.shared_contamination(each) for each in (shape, quicker))
+        return 0.0 if now is None or then is None else float(0.5 * linear[:5] @ (then - now) @ linear[:5] / SMALL)
+
     def contamination(self) -> FloatArray:
         """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""
         total = np.zeros(5)

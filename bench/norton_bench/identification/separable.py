@@ -14,7 +14,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.bands import told, worthwhile_band
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.shape import COULOMB, INERTIA, MOTION_DELAY, Shape
+from norton_bench.identification.shape import BANDWIDTH, COULOMB, INERTIA, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import NetworkTerm, TermParameter, parameters_of
@@ -311,6 +311,8 @@ class _At:
         right[:linear] += contamination[:linear] * self.linear
         if self.shared is not None:
             right[:5] += self.shared @ self.linear[:5]
+            if free and free[0][1] == BANDWIDTH:
+                right[linear] += self.regression.shared_slope(self.shape, self.linear)
         whole = normal_solution(every, right, contamination, self.shared)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[[place for _, place in free]] = whole[linear:]

@@ -36,7 +36,7 @@ def imposed_stretches(
     known: Knowledge, duration_s: float, seed: int, loops: tuple[tuple[float, float, int], ...]
 ) -> Iterator[tuple[str, Sized]]:
     """Commands and motions to impose, each with its name: both together, a command at standstill, speeds with a command
-    ahead of each, and motions at a command of zero.
+    ahead of each, and motions with none.
 
     ``loops`` are small ones: amplitude [rad], frequency [Hz], cycles.
     """
@@ -56,7 +56,8 @@ def imposed_stretches(
     for amplitude_rad, frequency_hz, cycles in loops:
         loop = sine_motion(amplitude_rad, frequency_hz, cycles, tick_s)
         name = f"loop {amplitude_rad * 1e3:.3g} mrad at {frequency_hz:g} Hz"
-        yield name, imposed_within(bounds, np.zeros(len(loop.position_rad)), loop)
+        # At a command of zero the loop would hold against so small a motion better than the load imposes it.
+        yield name, imposed_within(bounds, loop.velocity_rad_s, loop)
 
 
 def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
