@@ -6,7 +6,7 @@ import numpy as np
 
 from norton_bench.models.network import NortonNetwork
 
-# A step of the goal by this many times what friction may leave, seen for so long.
+# A step of the command by this many times what friction may leave, seen for so long.
 STEP_GAPS, DWELL_S, TICK_S = 20.0, 0.4, 1e-3
 # Of the step, still to come in the last quarter: as little as this where it settles.
 SETTLED = 0.1
@@ -37,4 +37,4 @@ def zero_in_words(network: NortonNetwork) -> str:
 def settling_in_words(left: float) -> str:
     """Whether a step settles."""
     settles = "settles" if left <= SETTLED else "does not settle"
-    return f"with no torque at the port, a step of the goal {settles} within {DWELL_S:g} s"
+    return f"with no torque at the port, a step of the command {settles} within {DWELL_S:g} s"

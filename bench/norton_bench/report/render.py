@@ -76,7 +76,7 @@ _ASKED = {True: "(c − θ − T·ω)", False: "(c − ω)"}
 _SERVO_SOURCES = {
     True: (
         "With no torque at the shaft it goes to its goal, as near as friction lets it:",
-        "|θN − c| ≤ {coulomb_torque} / {torque_gain}",
+        "θN = c ± {coulomb_torque} / {torque_gain}",
     ),
     False: (_LINES[-1][0], "ωN = ({torque_gain}·c ∓ {coulomb_torque}) / ({viscous_damping} + {torque_gain})"),
 }
