@@ -1,6 +1,7 @@
 """What a servo takes off its command: the angle of its shaft or nothing of it, and the velocity by two angles."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -61,6 +62,43 @@ def position_errors(servo: Servo, bandwidth_rad_s: float, kernel: Kernel, tick_s
     errors[INERTIA], errors[VISCOUS] = omega_rad_s**2, -1j * omega_rad_s
     weighted = errors * power * (frequency[1] - frequency[0]) / tick_s
     return np.asarray(2.0 * (weighted @ errors.conj().T).real)
+
+
+@dataclass(frozen=True)
+class SharedErrors:
+    """What errors of the position readings add to the ``products`` (5, 5) of the regression's first columns, but for
+    the squares that are counted by themselves.
+
+    Of free motion the acceleration is no column but the target; its place in the products is that of the inertia.
+    """
+
+    products: FloatArray
+    free_motion: bool
+
+    @property
+    def of_columns(self) -> FloatArray:
+        """Those of two columns."""
+        kept = self._columns()
+        return np.asarray(self.products * np.outer(kept, kept))
+
+    def pull(self, linear: FloatArray) -> FloatArray:
+        """What they take off the products (5,) of columns and residual at these linear unknowns."""
+        return np.asarray(self._columns() * (self.products @ self._carried(linear)))
+
+    def square(self, linear: FloatArray) -> float:
+        """What they add to the square of the residual."""
+        carried = self._carried(linear)
+        return float(carried @ self.products @ carried)
+
+    def _columns(self) -> FloatArray:
+        kept = np.ones(5)
+        kept[INERTIA] = 0.0 if self.free_motion else 1.0
+        return kept
+
+    def _carried(self, linear: FloatArray) -> FloatArray:
+        carried = np.array(linear[:5], dtype=np.float64)
+        carried[INERTIA] = 1.0 if self.free_motion else carried[INERTIA]
+        return carried
 
 
 def lag_of_place(servo: Servo, bandwidth_rad_s: float, angle_rad: FloatArray, step_s: float) -> FloatArray:
