@@ -41,8 +41,8 @@ from norton_bench.errors import SafetyStopError
 from norton_bench.loop.process import LoopProcess
 from norton_bench.loop.timing import LoopTiming, loop_timing
 from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.excitations import imposed_multisine
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure

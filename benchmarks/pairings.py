@@ -59,6 +59,7 @@ PAIRINGS = (
     ("sim-dynamixel-servo", ""),
     ("sim-feetech", ""),
     ("sim-servo", ""),
+    ("sim-mit-velocity", ""),
 )
 DRAWN = ("inertia", "viscous_damping", "coulomb_torque", "presliding_stiffness", "presliding_damping")
 WIDEST = 2.0

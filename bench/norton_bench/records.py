@@ -246,7 +246,7 @@ class Chain:
 
     ``torque_averaging_s`` is the time over which the torque sensor itself averages. ``released_at_zero`` are the roles
     whose drive switches its bridge off at a command of zero: the current then ends without the lag of its loop.
-    ``servo`` is the actuator's own position loop, where its command is a position.
+    ``servo`` is the actuator's own loop, where its command is a position or a velocity.
     """
 
     torque_averaging_s: float = 0.0

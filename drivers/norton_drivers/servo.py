@@ -1,4 +1,4 @@
-"""What a drive makes of a command that is a position: its own loop around the shaft, as it is set in the drive."""
+"""What a drive makes of a command that is a position or a velocity: its own loop around the shaft, as it is set."""
 
 from dataclasses import dataclass
 from math import inf
@@ -14,11 +14,13 @@ SHORTEST_WINDOW_S = 1e-6  # of a loop that knows the velocity at once
 
 @dataclass(frozen=True)
 class Servo:
-    """A position loop in a drive: torque = stiffness · (goal − θ) − damping · ω, up to a limit.
+    """A loop in a drive, up to a limit: torque = stiffness · (goal − θ) − damping · ω of a command that is a position,
+    or, without a stiffness, damping · (goal − ω) of one that is a velocity.
 
-    The loop runs at its own rate: on average it acts ``delay_s`` later than the shaft moves. It takes the velocity from
-    two positions ``window_s`` apart. ``greatest_nm`` is the limit as it is set in the drive, infinite where nobody
-    knows. Torques are the drive's own, before its error of scale.
+    Either way it is a gain times the command less what the shaft takes off it: :attr:`of_angle` · θ +
+    :attr:`of_velocity` · ω. The loop runs at its own rate: on average it acts ``delay_s`` later than the shaft moves.
+    It takes the velocity from two positions ``window_s`` apart. ``greatest_nm`` is the limit as it is set in the drive,
+    infinite where nobody knows. Torques are the drive's own, before its error of scale.
     """
 
     stiffness_nm_rad: float
@@ -28,14 +30,29 @@ class Servo:
     greatest_nm: float = inf
 
     @property
-    def lead_s(self) -> float:
-        """Damping over stiffness: the velocity counts as so many seconds of position."""
-        return self.damping_nms_rad / self.stiffness_nm_rad
+    def holds_position(self) -> bool:
+        """Whether its command is a position [rad]; otherwise it is a velocity [rad/s]."""
+        return self.stiffness_nm_rad > 0.0
 
     @property
-    def greatest_rad(self) -> float:
-        """The error at which the torque ends to grow."""
-        return self.greatest_nm / self.stiffness_nm_rad
+    def gain(self) -> float:
+        """Torque for each unit of the error [N m/rad or N m s/rad]."""
+        return self.stiffness_nm_rad if self.holds_position else self.damping_nms_rad
+
+    @property
+    def of_angle(self) -> float:
+        """How much of the angle counts against the command: all, or nothing."""
+        return 1.0 if self.holds_position else 0.0
+
+    @property
+    def of_velocity(self) -> float:
+        """How much of the velocity does: so many seconds of position, or all."""
+        return self.damping_nms_rad / self.gain
+
+    @property
+    def greatest_error(self) -> float:
+        """The error [rad or rad/s] at which the torque ends to grow."""
+        return self.greatest_nm / self.gain
 
 
 class Lead:

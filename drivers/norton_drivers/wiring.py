@@ -56,7 +56,7 @@ class DeviceSettings:
     options: Mapping[str, Any] = field(default_factory=dict)
     released_at_zero: bool = False  # as its driver's options have it
     dead_band: float = 0.0  # commands smaller than this do nothing, in the unit of its commands
-    servo: Servo | None = None  # what it does with a command that is a position
+    servo: Servo | None = None  # what it does with a command that is a position or a velocity
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class DeviceOptions(BaseModel):
 
     @property
     def servo(self) -> Servo | None:
-        """The drive's own position loop, where its commands are positions."""
+        """The drive's own loop, where its commands are positions or velocities."""
         return None
 
     @property

@@ -168,6 +168,22 @@ def test_a_mode_that_is_not_mit_obeys_no_torque_but_answers(host: Host) -> None:
     assert abs(host.current_a) < 1e-6
 
 
+def test_told_a_velocity_it_pushes_a_jammed_shaft_until_it_is_disabled(open_host: Callable[..., Host]) -> None:
+    """The plant's amplifier has 18 A for an error of 1, here of 1 rad/s."""
+    host = open_host(mode="velocity", damping=0.05)
+    host.plant.jam("actuator")
+    kd = round(0.05 / 5 * 4095)
+    host.send(ENABLE)
+    for _ in range(5):
+        host.send((32768 << 48 | 2051 << 36 | kd << 12 | 2048).to_bytes(8, "big"))
+        host.wait(10)
+    error_rad_s = (2051 * 2 * V / 4095 - V) + (2048 * 2 * T / 4095 - T) / (kd * 5 / 4095)
+    assert host.current_a == pytest.approx(18.0 * error_rad_s, rel=0.01)
+    host.send(DISABLE)
+    host.wait(20)
+    assert host.current_a == pytest.approx(0.0, abs=1e-3)
+
+
 def test_as_a_servo_it_holds_its_goal_until_it_is_disabled(open_host: Callable[..., Host]) -> None:
     host = open_host(mode="position", stiffness=2.0, damping=0.05)
     position, kp, kd = round((0.3 + P) / (2 * P) * 65535), round(2 / 500 * 4095), round(0.05 / 5 * 4095)

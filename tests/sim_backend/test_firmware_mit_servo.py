@@ -9,7 +9,7 @@ import pytest
 from norton_bench.rig.load import load_rig
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.mit import Special
-from norton_drivers.codecs.ranges import Ranges
+from norton_drivers.codecs.ranges import GoalCodes, Ranges
 from norton_drivers.registry import load_backend
 
 MS = 1_000_000
@@ -40,8 +40,9 @@ class Host:
         self.world.advance(self.world.now_ns + round(ms * MS))
 
     def goal(self, position_rad: float, ms: int) -> None:
+        codes = GoalCodes(RANGES.goal_code(position_rad), RANGES.slowest_code, 16, 18, RANGES.command_code(0.0))
         for _ in range(ms // 10):
-            self.send(protocol.goal_value(RANGES.goal_code(position_rad), 16, 18, RANGES.command_code(0.0)))
+            self.send(protocol.goal_value(codes))
             self.wait(10)
 
 

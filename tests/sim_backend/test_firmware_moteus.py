@@ -85,10 +85,11 @@ def open_host():
         rig = load_rig(RIG)
         actuator = replace(rig.wiring.actuator, options={**rig.wiring.actuator.options, **options})
         simulated = rig.simulated
-        if options.get("mode") == "position":
-            gain = AMPERES_PER_NM * float(options["stiffness"])  # type: ignore[arg-type]
-            simulated = {**simulated, "actuator": {**simulated["actuator"], "amplifier_gain": f"{gain} A/rad"}}
-            wiring = replace(rig.wiring, actuator=actuator, command_unit="rad")
+        if (mode := options.get("mode")) in ("position", "velocity"):
+            key, unit = ("stiffness", "rad") if mode == "position" else ("damping", "rad/s")
+            gain = AMPERES_PER_NM * float(options[key])  # type: ignore[arg-type]
+            simulated = {**simulated, "actuator": {**simulated["actuator"], "amplifier_gain": f"{gain} A/({unit})"}}
+            wiring = replace(rig.wiring, actuator=actuator, command_unit=unit)
         else:
             wiring = replace(rig.wiring, actuator=actuator)
         backend = load_backend("simulated")(wiring, simulated, seed=1, place="here")
@@ -294,6 +295,37 @@ def test_a_free_shaft_goes_to_its_goal_and_is_damped_after_a_timeout(open_host: 
     host.wait(150)
     assert host.state()[REGISTER.MODE] == MODE.TIMEOUT
     assert abs(host.current_a) < 0.05
+
+
+TURNS = {"mode": "velocity", "damping": 0.05, "loop_period": 125e-6, "velocity_window": 500e-6}
+
+
+def turn(host: Host, velocity_rad_s: float, ms: int) -> None:
+    """As the driver asks: no position, no kp, no trajectory."""
+    made = CONTROLLER.make_position(
+        position=math.nan, velocity=velocity_rad_s / math.tau, kp_scale=0.0, velocity_limit=-1.0, accel_limit=-1.0
+    )
+    for _ in range(ms // 10):
+        host.send(bytes(made.data), identifier=0x0001)
+        host.wait(10)
+
+
+def test_told_a_velocity_a_jammed_shaft_feels_the_gain(open_host: OpenHost) -> None:
+    host = open_host(**TURNS)
+    host.plant.jam("actuator")
+    turn(host, 4.0, 60)
+    assert host.current_a == pytest.approx(0.05 * 4.0 * AMPERES_PER_NM, rel=0.01)
+
+
+def test_told_a_velocity_a_free_shaft_turns(open_host: OpenHost) -> None:
+    host = open_host(**TURNS)
+    turn(host, 6.0, 500)
+    start_rad = host.plant.true_position_rad("actuator")
+    turn(host, 6.0, 500)
+    found_rad_s = (host.plant.true_position_rad("actuator") - start_rad) / 0.5
+    # Both machines' friction and damping, and the loop's: K·(c − ω) = τc + B·ω.
+    gain = 0.05 * AMPERES_PER_NM * 0.05
+    assert found_rad_s == pytest.approx((gain * 6.0 - 0.028) / (gain + 1.3e-3), rel=0.005)
 
 
 def test_the_output_can_be_set(open_host: OpenHost) -> None:

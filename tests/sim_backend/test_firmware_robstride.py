@@ -94,6 +94,22 @@ def test_currents_are_a_parameter(open_host: Callable[..., Host]) -> None:
     assert host.current_a == pytest.approx(0.02 * GAIN_A_NM, rel=1e-3)
 
 
+def test_told_a_velocity_it_pushes_a_jammed_shaft_until_it_is_stopped(open_host: Callable[..., Host]) -> None:
+    """The plant's amplifier has GAIN_A_NM for an error of 1, here of 1 rad/s."""
+    host = open_host(mode="velocity", damping=0.05)
+    host.plant.jam("actuator")
+    host.ask(3)
+    goal = struct.pack(">HHHH", 32768, round((0.1 / 44.0 + 1) / 2 * 65535), 0, 655)  # of ± 44 rad/s, and of kd to 5
+    for _ in range(5):
+        host.ask(1, goal, 32768)
+        host.wait(9)
+    beside_rad_s = 0.5 * 2 * T / 65535 / 0.05
+    assert host.current_a == pytest.approx(GAIN_A_NM * (0.1 + beside_rad_s), rel=0.02)
+    host.ask(4)
+    host.wait(20)
+    assert host.current_a == pytest.approx(0.0, abs=1e-3)
+
+
 def test_as_a_servo_it_holds_its_goal_until_it_is_stopped(open_host: Callable[..., Host]) -> None:
     host = open_host(mode="position", stiffness=2.0, damping=0.05)
     host.ask(3)

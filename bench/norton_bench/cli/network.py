@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from norton_bench.networks.family import Network
     from norton_bench.networks.findings import Finding
     from norton_bench.networks.left_out import ExportedModel
+    from norton_drivers.servo import Servo
 
 NetworkFile = Annotated[Path, Parameter(name="FILE", help="A network file (JSON).")]
 Type = Annotated[Literal["thevenin", "norton"] | None, Parameter(name="--type", help="Type of the source.")]
@@ -201,8 +202,13 @@ def _equations(network: "Network") -> str:
     from norton_bench.networks.linear import LinearNetwork  # noqa: PLC0415
 
     if isinstance(network, NortonNetwork):
-        return "dahl motor, with terms" if network.terms else "dahl motor"
+        loop = "" if network.servo is None else f" behind a loop of {_held(network.servo)}"
+        return f"dahl motor{loop}, with terms" if network.terms else f"dahl motor{loop}"
     return "linear" if isinstance(network, LinearNetwork) else "nonlinear"
+
+
+def _held(servo: "Servo") -> str:
+    return "position" if servo.holds_position else "velocity"
 
 
 def _terms(network: "Network") -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from numba import njit
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.sliding import damping_nm, held_nm, resistance_nm
+from norton_bench.models.sliding import damping_nm, held_nm, left_of, resistance_nm
 from norton_bench.segments import ZERO_TORQUE, LoadMode, Segment
 
 # Predicted while the drives are enabled and wait: coarse steps, for the network is known to a per cent at most.
@@ -69,7 +69,9 @@ def with_preview(
 
 def _start(network: NortonNetwork, tick_s: float, position_rad: float, velocity_rad_s: float, command: float) -> _Start:
     """The state to begin at: friction holds what the motor exerts beyond the damping, as far as it can."""
-    motor_nm = network.torque_gain * (command if network.servo is None else command - position_rad)
+    of_angle = 0.0 if network.servo is None else network.servo.of_angle
+    left = float(left_of(network, command - of_angle * position_rad, velocity_rad_s))
+    motor_nm = network.torque_gain * left
     exerted = network.rigid.torque(np.full(3, command), np.full(3, position_rad), tick_s, motor_torque_nm=motor_nm)[0]
     least, most = -held_nm(network, -1.0), held_nm(network, 1.0)
     return {

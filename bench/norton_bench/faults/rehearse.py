@@ -15,8 +15,8 @@ from norton_bench.events import PartMeasured, SessionEvent
 from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.excitations import imposed_multisine
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.fed_back import SharedErrors
 from norton_bench.identification.friction_operators import linear_basis
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.rows import Rows
@@ -238,12 +239,19 @@ class Regression:
             first += int(memory[-1]) + 1
         return self.chosen(numbers)
 
-    def shared_contamination(self, shape: Shape) -> FloatArray | None:
-        """What they add to the products of two different ones, shape (5, 5); None where that is nothing."""
-        if self.rows[0].signals.servo is None or self.free_motion:
+    def shared_contamination(self, shape: Shape) -> SharedErrors | None:
+        """What they add to the products of two different ones; None where that is nothing."""
+        if self.rows[0].signals.servo is None:
             return None
         total = sum((rows.position_errors(shape) * rows.usable.size for rows in self.rows), np.zeros((5, 5)))
-        return np.asarray((total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy)
+        products = (total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy
+        return SharedErrors(np.asarray(products), self.free_motion)
+
+    def shared_slope(self, shape: Shape, linear: FloatArray) -> float:
+        """Half of how what they add to the squares of the residual changes with log β, at these linear unknowns."""
+        quicker = replace(shape, bandwidth_rad_s=shape.bandwidth_rad_s * np.exp(SMALL))
+        now, then = (self.shared_contamination(each) for each in (shape, quicker))
+        return 0.0 if now is None or then is None else 0.5 * (then.square(linear) - now.square(linear)) / SMALL
 
     def contamination(self) -> FloatArray:
         """What readings' own errors add to the squares of the physical columns, shape (5,): expected sums."""

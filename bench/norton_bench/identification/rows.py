@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.fed_back import fed_back, position_errors
+from norton_bench.identification.fed_back import fed_back, fed_back_of, position_errors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.shape import Shape
@@ -152,7 +152,7 @@ class Rows:
         cells = (shape.command_delay_s + shape.motion_delay_s) / fine_s
         if servo is not None:
             place = self._lag_of_place(shape)
-            lag = lag - fed_back(servo, lambda late_s: loops.later(place, cells - late_s / fine_s))
+            lag = lag - fed_back_of(servo, place, fine_s, cells * fine_s)
         return lag * shape.gain(lag, loops.later(self._grid(self.signals.path_rad), cells), self._fine_time_s)
 
     def held_back(self, shape: Shape, derivative: int = 0) -> FloatArray:

@@ -12,9 +12,10 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.bands import told, worthwhile_band
+from norton_bench.identification.fed_back import SharedErrors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.shape import COULOMB, INERTIA, MOTION_DELAY, Shape
+from norton_bench.identification.shape import BANDWIDTH, COULOMB, INERTIA, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import NetworkTerm, TermParameter, parameters_of
@@ -188,16 +189,15 @@ def normal_solution(
     columns: FloatArray,
     right: FloatArray,
     contamination: FloatArray | None = None,
-    shared: FloatArray | None = None,
+    shared: SharedErrors | None = None,
 ) -> FloatArray:
     """The normal equations of scaled columns with this right side; columns that say nothing get zero.
 
-    What errors in the columns add to their squares, ``contamination``, and to products of the first, ``shared`` (5, 5),
-    is taken off again, or they would shrink what is estimated; columns beyond its length have none.
+    What errors add to the columns' squares, ``contamination``, and to their products, ``shared``, is taken off again:
+    they would shrink what is estimated. Columns beyond its length have none.
     """
     matrix = columns @ columns.T
-    if shared is not None:
-        matrix[: len(shared), : len(shared)] -= shared
+    matrix[:5, :5] -= 0.0 if shared is None else shared.of_columns
     scale = np.sqrt(np.diag(matrix))
     scale[scale == 0] = 1.0
     matrix /= np.outer(scale, scale)
@@ -222,7 +222,7 @@ class _At:
     residual: FloatArray
     innovation: FloatArray
     cost: float
-    shared: FloatArray | None = None  # of the regression's contamination
+    shared: SharedErrors | None = None
 
     @classmethod
     def of(cls, regression: Regression, shape: Shape) -> "_At":
@@ -236,13 +236,14 @@ class _At:
         white = regression.white(np.concatenate([columns, regression.target()[None, :]]))
         *_, wanted = left = white_memory.taken_off(white)
         seen = left[:-1]
-        linear = normal_solution(seen, seen @ wanted, contamination, shared)
+        (right := seen @ wanted)[:5] += 0.0 if shared is None else shared.pull(np.zeros(5))
+        linear = normal_solution(seen, right, contamination, shared)
         innovation = wanted - linear @ seen
         states = white_memory.factors(white[-1] - linear @ white[:-1])
         residual = regression.target() - linear @ columns - states * memory.left
         # Errors in the columns add this to the squares of the innovations.
         cost = float(innovation @ innovation - contamination @ linear[:5] ** 2)
-        cost -= 0.0 if shared is None else float(linear[:5] @ shared @ linear[:5])
+        cost -= 0.0 if shared is None else shared.square(linear)
         return cls(
             regression, shape, columns, memory, white_memory, seen, linear, states, residual, innovation, cost, shared
         )
@@ -310,7 +311,9 @@ class _At:
         # The linear unknowns stand at their optimum, where errors in the columns leave them this much of a slope.
         right[:linear] += contamination[:linear] * self.linear
         if self.shared is not None:
-            right[:5] += self.shared @ self.linear[:5]
+            right[:5] += self.shared.pull(self.linear)
+            if free and free[0][1] == BANDWIDTH:
+                right[linear] += self.regression.shared_slope(self.shape, self.linear)
         whole = normal_solution(every, right, contamination, self.shared)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[[place for _, place in free]] = whole[linear:]

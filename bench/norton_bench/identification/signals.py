@@ -85,7 +85,7 @@ class Signals:
     smoothed: "TimeSeries | None" = None
     count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
     released_at_zero: bool = False  # the drive: as in records.Chain
-    servo: Servo | None = None  # its position loop, likewise
+    servo: Servo | None = None  # its own loop, likewise
 
 
 def signals(
@@ -282,10 +282,10 @@ def _sent(measured: Measured, port: Port, origin_ns: int, span: Span) -> tuple[F
 
 
 def _below_limit(
-    servo: Servo, angle_rad: FloatArray, time_s: FloatArray, sent_s: FloatArray, command_rad: FloatArray
+    servo: Servo, angle_rad: FloatArray, time_s: FloatArray, sent_s: FloatArray, command: FloatArray
 ) -> BoolArray:
     """Where the servo's limit does not hold its torque, (n,)."""
-    return ~_lasting(near_limit(servo, sent_s, command_rad, time_s, angle_rad), LIMIT_LASTS_TICKS)
+    return ~_lasting(near_limit(servo, sent_s, command, time_s, angle_rad), LIMIT_LASTS_TICKS)
 
 
 def _usable(streams: dict[str, TimeSeries], time_s: FloatArray, in_use: BoolArray) -> tuple[BoolArray, BoolArray]:

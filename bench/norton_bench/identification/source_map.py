@@ -21,6 +21,7 @@ from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.readings import noise_deviation
 from norton_bench.identification.results import BlockedMap, FitResult, SensorZero, SourceMap
 from norton_bench.models.parameters import Status
+from norton_bench.models.sliding import steepness_nms_rad
 from norton_bench.records import Measured, SegmentInfo, Table
 
 # A slope is one to divide by where it is so many of its deviations above zero: the quotient's error is then a fifth of
@@ -49,10 +50,13 @@ class PortTorque:
     @classmethod
     def of(cls, fit: FitResult, table: ImpedanceTable | None, origin_ns: int) -> "PortTorque | None":
         """None where the fit tells nothing of the sensor's zero."""
-        damping = fit.estimate("viscous_damping")
+        damping, gain = fit.estimate("viscous_damping"), fit.estimate("torque_gain")
         if fit.torque_zero is None or not fit.converged or damping.status is not Status.VALID:
             return None
-        return cls(origin_ns, fit.torque_zero, table, damping.value, damping.std)
+        # The loop of a servo takes its gain off a velocity commanded. How the two go together is left out: their sum is
+        # then known no less well than this.
+        std = damping.std if fit.network.servo is None else damping.std + gain.std
+        return cls(origin_ns, fit.torque_zero, table, steepness_nms_rad(fit.network), std)
 
     def slope(self, command: float, velocity_rad_s: float) -> tuple[float, float]:
         """Fall of torque with velocity near this level [N m s/rad] and its deviation; NaN where it cannot be told."""

@@ -64,7 +64,7 @@ def _visits(rows: Rows, solution: Solution, values: FloatArray) -> _Visits:
     for place, periods in enumerate(solution.regression.cogging):
         pair = solution.linear[len(LINEAR) + 2 * place : len(LINEAR) + 2 * place + 2]
         torque_nm = torque_nm - pair @ rows.cogging(shape, periods)
-    spans = _spans(np.abs(asked) > BEYOND * servo.greatest_rad)
+    spans = _spans(np.abs(asked) > BEYOND * servo.greatest_error)
     sides = [float(np.sign(asked[first])) for first, _ in spans]
     torque = [side * float(np.mean(torque_nm[first:last])) for side, (first, last) in zip(sides, spans, strict=True)]
     wanted = [values[0] * float(np.mean(np.abs(asked[first:last]))) for first, last in spans]

@@ -11,7 +11,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.jog.hands import DEVICE, Bounds, Hand, LoadDoes, Setpoints
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.imposed import TORQUE_SHARE
+from norton_bench.procedures.excitations import TORQUE_SHARE
 from norton_bench.procedures.knowledge import Knowledge, Plan
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.procedures.waves import UNENDING, ticks_in

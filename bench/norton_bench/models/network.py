@@ -101,7 +101,7 @@ class NortonNetwork:
     provenance: Mapping[str, str] = field(default_factory=dict)
     prediction: PredictionError | None = None  # how far it is off on motion not seen, where that was looked at
     terms: tuple[NetworkTerm, ...] = ()  # what it has beside the paper's motor
-    servo: Servo | None = None  # its position loop: the gain is then its stiffness, and c the lag of c − θ − lead·ω
+    servo: Servo | None = None  # its own loop: c is then the lag of what the shaft leaves of the command
 
     @classmethod
     def of_parameters(cls, values: Mapping[str, float], command_unit: str, **more: Any) -> "NortonNetwork":
@@ -127,7 +127,7 @@ class NortonNetwork:
     def source_velocity(self, command: npt.ArrayLike) -> FloatArray:
         """ω_N(c) [rad/s], the steady free velocity: three branches (section IV.D), of the shape of ``command``.
 
-        A servo has none: it goes where its command says.
+        A servo that holds a position has none: it goes where its command says.
 
         Of a shaft that was at rest: where friction falls with the velocity, it may go on sliding at commands that would
         not set it in motion. What changes with the position is taken at its mean. Infinite where nothing holds it.
@@ -275,12 +275,13 @@ class NortonNetwork:
         return servo_steps.lagged(command, position_rad, bandwidth_rad_s, tick_s, substeps, self._loop, start)
 
     @property
-    def _loop(self) -> tuple[float, float, float, float]:
-        """Lead, delay and window [s] of its servo, and limit [rad]; nothing where it has none."""
-        if self.servo is None:
-            return 0.0, 0.0, 1.0, inf
+    def _loop(self) -> tuple[float, float, float, float, float]:
+        """As the compiled integrations take it (:mod:`norton_bench.models.servo_steps`); nothing without a servo."""
+        servo = self.servo
+        if servo is None:
+            return 0.0, 0.0, 0.0, 1.0, inf
         limit = inf if self.torque_limit_nm is None else self.torque_limit_nm / abs(self.torque_gain)
-        return self.servo.lead_s, self.servo.delay_s, self.servo.window_s, limit
+        return servo.of_angle, servo.of_velocity, servo.delay_s, servo.window_s, limit
 
     @property
     def relative_terms(self) -> tuple[NetworkTerm, ...]:

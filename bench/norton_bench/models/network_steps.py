@@ -174,7 +174,7 @@ def free_motion(
     row: FloatArray,
     waves: FloatArray,
     start: FloatArray,
-    loop: tuple[float, float, float, float],
+    loop: servo_steps.Loop,
     servo: bool,
 ) -> FloatArray:
     """Position, velocity and acceleration at every tick, shape (3, n), while the shaft exerts ``port`` (n,).
@@ -182,14 +182,14 @@ def free_motion(
     Command and port torque are held from tick to tick. ``motor_parameters`` are gain, bandwidth, inertia, viscous
     damping, s = σ0/τc, σ0 and σ1. ``row`` and ``waves`` are those of the network's terms, whose factors and torque hold
     through a step. ``start`` is position, velocity, motor torque and Dahl state before the first command acts. A
-    ``servo`` has its ``loop``: lead, delay and window [s], and limit [rad].
+    ``servo`` has its ``loop``.
     """
     torque_gain, bandwidth, inertia, viscous, s, sigma_0, sigma_1 = motor_parameters
     step_s = tick_s / substeps
     decay = exp(-bandwidth * step_s)
     mean_decay = (1.0 - decay) / (bandwidth * step_s)
     position, velocity, motor, phi = start
-    history, newest = servo_steps.moving_evenly(int((loop[1] + loop[2]) / step_s) + 3, position, velocity * step_s), 0
+    history, newest = servo_steps.moving_evenly(int((loop[2] + loop[3]) / step_s) + 3, position, velocity * step_s), 0
     motion = np.empty((3, command.size))
     if command.size:  # no contact holds more than its strength
         phi = copysign(min(abs(phi), strength(row, velocity, position, port[0]) / s), phi)

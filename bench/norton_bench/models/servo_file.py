@@ -7,7 +7,6 @@ from typing import Any
 from norton_bench.errors import UsageError
 from norton_drivers.servo import SHORTEST_WINDOW_S, Servo
 
-SMALLEST_NM_RAD = 1e-9
 # Its quantities: key, field, unit.
 QUANTITIES = (
     ("stiffness", "stiffness_nm_rad", "N*m/rad"),
@@ -28,8 +27,13 @@ def servo_from_json(path: Path | str, content: object) -> Servo:
     for key, field, _ in QUANTITIES:
         entry = content.get(key) if isinstance(content, dict) else None
         value = entry.get("value") if isinstance(entry, dict) else None
-        least = {"stiffness": SMALLEST_NM_RAD, "window": SHORTEST_WINDOW_S}.get(key, 0.0)
+        least = {"window": SHORTEST_WINDOW_S}.get(key, 0.0)
         if not isinstance(value, (int, float)) or isinstance(value, bool) or not isfinite(value) or value < least:
             raise UsageError(f'{path}: servo.{key} needs a positive number under "value", not {value!r}')
         values[field] = float(value)
-    return Servo(**values)
+    servo = Servo(**values)
+    if not servo.gain:
+        raise UsageError(
+            f"{path}: servo.stiffness needs a positive number, or servo.damping where a velocity is commanded"
+        )
+    return servo

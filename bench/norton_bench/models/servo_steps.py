@@ -8,11 +8,16 @@ from numba import njit
 
 from norton_bench.arrays import FloatArray
 
+# How a loop works: what share of the angle it takes off the command, and how much of the velocity; delay and window
+# [s]; and the error that its limit lets through, in the command's unit.
+Loop = tuple[float, float, float, float, float]
+
 
 @njit(cache=True, nogil=True)
-def asked(command: float, angle: float, earlier: float, lead: float, window: float, limit: float) -> float:
-    """What the amplifier is asked for [rad of error]; ``earlier`` is the angle a ``window`` before ``angle``."""
-    error = command - angle - lead / window * (angle - earlier)
+def asked(command: float, angle: float, earlier: float, loop: Loop) -> float:
+    """What the amplifier is asked for, as an error; ``earlier`` is the angle a window before ``angle``."""
+    of_angle, of_velocity, _, window, limit = loop
+    error = command - of_angle * angle - of_velocity / window * (angle - earlier)
     return float(min(max(error, -limit), limit))
 
 
@@ -44,17 +49,14 @@ def asked_in_step(
     position: float,
     velocity: float,
     step_s: float,
-    loop: tuple[float, float, float, float],
+    loop: Loop,
 ) -> float:
-    """What the amplifier is asked for in the middle of the step that begins at ``position``, the ``newest`` of history.
-
-    ``loop`` is lead, delay and window [s], and limit [rad].
-    """
-    lead, delay, window, limit = loop
-    ago = delay / step_s - 0.5
+    """What the amplifier is asked for in the middle of the step that begins at ``position``, the ``newest`` of
+    history."""
+    ago = loop[2] / step_s - 0.5
     now = before(history, newest, position, velocity, ago, step_s)
-    earlier = before(history, newest, position, velocity, ago + window / step_s, step_s)
-    return asked(command, now, earlier, lead, window, limit)
+    earlier = before(history, newest, position, velocity, ago + loop[3] / step_s, step_s)
+    return asked(command, now, earlier, loop)
 
 
 @njit(cache=True, nogil=True)
@@ -70,28 +72,36 @@ def between(values: FloatArray, at: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def shifted(values: FloatArray, places: float) -> FloatArray:
+    """``values`` (n,) so many places further on, by the same cubics: by straight lines, two places near each other
+    would differ as in the middle between two samples."""
+    output = np.empty(values.size)
+    for k in range(values.size):
+        output[k] = between(values, k + places)
+    return output
+
+
+@njit(cache=True, nogil=True)
 def lagged(
     command: FloatArray,
     position: FloatArray,
     bandwidth: float,
     tick_s: float,
     substeps: int,
-    loop: tuple[float, float, float, float],
+    loop: Loop,
     start: float,
 ) -> FloatArray:
     """Behind the amplifier's lag, at every tick (n,), of a motion known at the ticks; the command is held.
 
-    ``loop`` is lead, delay and window [s], and limit [rad]; ``start`` the lag at the first tick.
+    ``start`` is the lag at the first tick.
     """
-    lead, delay, window, limit = loop
+    delay, window = loop[2] / tick_s, loop[3] / tick_s
     output, state = np.empty(command.size), start
     decay = np.exp(-bandwidth * tick_s / substeps)
     for k in range(command.size):
         output[k] = state
         for step in range(substeps):
-            at = k + (step + 0.5) / substeps - delay / tick_s
-            error = asked(
-                command[k], between(position, at), between(position, at - window / tick_s), lead, window, limit
-            )
+            at = k + (step + 0.5) / substeps - delay
+            error = asked(command[k], between(position, at), between(position, at - window), loop)
             state = error + (state - error) * decay
     return output

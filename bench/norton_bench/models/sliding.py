@@ -21,6 +21,7 @@ from norton_bench.models.terms import (
     NetworkTerm,
     waves_of,
 )
+from norton_drivers.servo import Servo
 
 
 class SteadyMotor(Protocol):
@@ -37,7 +38,7 @@ class SteadyMotor(Protocol):
     @property
     def row(self) -> FloatArray: ...
     @property
-    def servo(self) -> object: ...
+    def servo(self) -> Servo | None: ...
 
 
 SPEEDS = 1001
@@ -70,9 +71,22 @@ def resistance_nm(network: SteadyMotor, velocity_rad_s: npt.ArrayLike) -> FloatA
     return friction_nm(network, velocity_rad_s) + damping_nm(network, velocity_rad_s)
 
 
+def steepness_nms_rad(network: SteadyMotor) -> float:
+    """How steeply torque falls with velocity [N m s/rad] near rest under a steady command, but for friction: by
+    damping, and by what the loop of a servo takes off a velocity commanded."""
+    takes_off = network.torque_gain if network.servo is not None and not network.servo.holds_position else 0.0
+    return network.viscous_damping_nms_rad + takes_off
+
+
+def left_of(network: SteadyMotor, command: npt.ArrayLike, velocity_rad_s: npt.ArrayLike) -> FloatArray:
+    """What acts of steady commands, of their shape: all, or what the loop of a servo leaves at a velocity."""
+    asked = np.asarray(command, dtype=float)
+    return asked if network.servo is None else asked - network.servo.of_velocity * np.asarray(velocity_rad_s)
+
+
 def port_torque_nm(network: SteadyMotor, command: npt.ArrayLike, velocity_rad_s: npt.ArrayLike) -> FloatArray:
     """Torque at the port [N m] in steady sliding: τ = drive − resistance − μ·|τ|·sgn ω."""
-    free = drive_nm(network, command) - resistance_nm(network, velocity_rad_s)
+    free = drive_nm(network, left_of(network, command, velocity_rad_s)) - resistance_nm(network, velocity_rad_s)
     load = network.coulomb_torque_nm * network.row[LOAD]
     # Solved for τ, which has the sign of ``free`` as long as μ is below 1.
     return np.asarray(free / (1.0 + load * np.sign(velocity_rad_s) * np.sign(free)))
@@ -105,21 +119,27 @@ def command_for(ratio: npt.ArrayLike, saturation: npt.ArrayLike) -> FloatArray:
 def source_velocity(network: SteadyMotor, command: npt.ArrayLike) -> FloatArray:
     """As NortonNetwork.source_velocity."""
     row, torque = network.row, drive_nm(network, command)
-    if network.servo is not None:
+    if network.servo is not None and network.servo.holds_position:
         return np.zeros_like(torque)
     side, size = np.sign(torque), np.abs(torque)
     beyond = np.maximum(size - network.coulomb_torque_nm * (1.0 + row[STRIBECK] + side * row[ASYMMETRY]), 0.0)
-    if not (row[STRIBECK] or row[DRAG]):
-        return np.asarray(side * beyond / network.viscous_damping_nms_rad)
-    # Damping that falls with the velocity is greatest half way to where there is none: beyond, nothing is steady.
-    fastest = size / network.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
+    looped = network.servo is not None
+    if not (row[STRIBECK] or row[DRAG] or (looped and row[SATURATION])):
+        return np.asarray(side * beyond / steepness_nms_rad(network))
+    # A velocity commanded is not exceeded. Damping that falls with the velocity is greatest half way to where there is
+    # none: beyond, nothing is steady.
+    if looped:
+        fastest = np.abs(np.asarray(command, dtype=float))
+    else:
+        fastest = size / network.viscous_damping_nms_rad if row[DRAG] >= 0.0 else -0.5 / row[DRAG]
     low, high = np.zeros_like(torque), np.broadcast_to(fastest, torque.shape)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        faster = size > np.abs(resistance_nm(network, side * middle))
+        driving = np.abs(drive_nm(network, left_of(network, command, side * middle)))
+        faster = driving > np.abs(resistance_nm(network, side * middle))
         low, high = np.where(faster, middle, low), np.where(faster, high, middle)
     # Never held up to the last step of the search: nothing holds it.
-    steady = np.where((row[DRAG] < 0.0) & (high >= fastest), inf, low)
+    steady = np.where(not looped and (row[DRAG] < 0.0) & (high >= fastest), inf, low)
     return np.asarray(side * np.where(beyond > 0.0, steady, 0.0))
 
 
@@ -132,7 +152,7 @@ def falling(network: SteadyMotor, fastest_rad_s: float) -> tuple[float, float, f
     if row[STRIBECK]:
         speed = np.union1d(speed, np.linspace(0.0, 3.0 * abs(row[STRIBECK_VELOCITY]), SPEEDS))
     over = speed / row[STRIBECK_VELOCITY]
-    slope = network.viscous_damping_nms_rad * (1.0 + 2.0 * row[DRAG] * speed)
+    slope = steepness_nms_rad(network) + network.viscous_damping_nms_rad * 2.0 * row[DRAG] * speed
     slope -= network.coulomb_torque_nm * row[STRIBECK] * 2.0 * over / row[STRIBECK_VELOCITY] * np.exp(-(over**2))
     falls = speed[slope < 0.0]
     return (float(falls[0]), float(falls[-1]), float(slope.min())) if falls.size else None

@@ -6,7 +6,7 @@ import numpy as np
 
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.servo_source import SETTLED, settling_in_words, still_to_come, zero_in_words
-from norton_bench.models.sliding import command_shown, falling, greatest_friction_nm
+from norton_bench.models.sliding import command_shown, falling, greatest_friction_nm, steepness_nms_rad
 from norton_bench.models.terms import TERM_BY_NAME, waves_of
 from norton_bench.networks.equation_checks import conditions_of_equations
 from norton_bench.networks.family import Network
@@ -41,7 +41,7 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
         else f"friction grows by μ = {load:.3g} of the torque at the port: from 1 on, not every motion has one torque",
     )
     yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
-    if network.servo is not None:
+    if network.servo is not None and network.servo.holds_position:
         yield from _held(network)
         return
     yield from _sliding(network)
@@ -56,10 +56,9 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
 
 
 def _held(network: NortonNetwork) -> Iterator[Finding]:
-    """A servo's shaft goes to its goal, and settles there."""
-    left = still_to_come(network)
+    """The shaft of a servo that holds a position goes to its goal, and settles there."""
     yield Finding("unique zero", network.torque_gain > 0.0, zero_in_words(network))
-    yield Finding("stable zero dynamics", left <= SETTLED, settling_in_words(left))
+    yield _settles(network)
     yield Finding(
         "exertion source",
         None,
@@ -78,18 +77,17 @@ def _sliding(network: NortonNetwork) -> Iterator[Finding]:
         )
         return
     fastest = np.abs(network.source_velocity(command_shown(network) * np.array([-1.0, 1.0]))).max()
-    falls = falling(network, float(fastest))
+    falls, steepness = falling(network, float(fastest)), steepness_nms_rad(network)
+    by = "B" if network.servo is None else "B and the loop's gain"
     places = _places(network)
     if falls is None:
         yield Finding(
             "unique zero",
-            network.viscous_damping_nms_rad > 0.0,
-            f"sliding torque falls with velocity by B = {network.viscous_damping_nms_rad:.4g} N m s/rad, so each "
+            steepness > 0.0,
+            f"sliding torque falls with velocity by {by} = {steepness:.4g} N m s/rad, so each "
             f"command has one free velocity{places}",
         )
-        yield Finding(
-            "stable zero dynamics", True, "inertia, damping and friction only take energy from the free rotor"
-        )
+        yield _settles(network)
         return
     low, high, slope = falls
     yield Finding(
@@ -105,6 +103,16 @@ def _sliding(network: NortonNetwork) -> Iterator[Finding]:
         f"free sliding from {low:.3g} to {high:.3g} rad/s is unstable, for friction falls with the speed there: the "
         "shaft stops, or speeds up until friction rises",
     )
+
+
+def _settles(network: NortonNetwork) -> Finding:
+    """A motor at last; a servo's loop is late, and may give energy."""
+    if network.servo is None:
+        return Finding(
+            "stable zero dynamics", True, "inertia, damping and friction only take energy from the free rotor"
+        )
+    left = still_to_come(network)
+    return Finding("stable zero dynamics", left <= SETTLED, settling_in_words(left))
 
 
 def _places(network: NortonNetwork) -> str:

@@ -74,7 +74,7 @@ def _source(axes: Axes, network: Network, commands: FloatArray, settle_s: float)
 
 def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
     """Torque against velocity in steady sliding, for a few commands (section IV.D)."""
-    if network.servo is not None:
+    if network.servo is not None and network.servo.holds_position:
         _pulled(axes, network, commands)
         return
     fastest = float(np.abs(network.source_velocity(commands)).max()) or 1.0
@@ -87,7 +87,7 @@ def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
 
 
 def _pulled(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
-    """A servo's torque against the angle, at rest, but for friction."""
+    """The torque of a servo that holds a position against the angle, at rest, but for friction."""
     most = np.inf if network.torque_limit_nm is None else network.torque_limit_nm
     angle = np.linspace(2.0 * commands[0], 2.0 * commands[-1], 301)
     for command in _few(commands):

@@ -47,7 +47,7 @@ def static_source(
     if varied not in names:
         raise UsageError(f'the network has no command "{varied}"; it has {", ".join(names)}')
     match network:
-        case NortonNetwork(servo=Servo()):
+        case NortonNetwork(servo=Servo(holds_position=True)):
             return StaticSource(levels, levels, "x_N", "rad")
         case NortonNetwork():
             return StaticSource(levels, network.source_velocity(levels), "v_N", "rad/s")

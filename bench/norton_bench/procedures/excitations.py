@@ -33,7 +33,10 @@ SHARE = 0.8
 # The motion alone may reach this share of a limit, which leaves room for a command.
 MOTION_SHARE = 0.5
 CLIPPINGS = 50
+# Above this the velocity's spectrum falls with frequency, so that acceleration, and with it torque, stays bounded.
 HIGHEST_MOTION_HZ = 60.0
+# The load drive may spend this share of its torque on accelerating the two inertias.
+TORQUE_SHARE = 0.4
 CHANGE_S = 0.15
 DWELL_S = 0.35
 # The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
@@ -79,8 +82,12 @@ class PlanBounds:
     load: LoadCalibration
     travel_rad: float
 
-    def swing_rad_s(self, command: FloatArray) -> FloatArray:
-        """The velocity that the command gives to the shaft although the load holds it, shape (ticks,)."""
+    def swing_rad_s(self, command: FloatArray, motion: Motion) -> FloatArray:
+        """The velocity that the command gives to the shaft although the load holds it, shape (ticks,): a velocity
+        commanded gives none where the shaft has it."""
+        servo = self.network.servo
+        if servo is not None and not servo.holds_position:
+            command = command - motion.velocity_rad_s
         hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
         motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
         inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
@@ -89,7 +96,7 @@ class PlanBounds:
     def excitation(self, candidate: Candidate) -> Excitation:
         """The expected motion with the candidate: the imposed one, and what the command adds."""
         tick_s = self.rig.tick_s
-        swing_rad = np.cumsum(self.swing_rad_s(candidate.command)) * tick_s
+        swing_rad = np.cumsum(self.swing_rad_s(candidate.command, candidate.motion)) * tick_s
         return Excitation(tick_s, candidate.command, candidate.motion.position_rad + swing_rad)
 
     def allow(self, command: FloatArray, motion: Motion, share: float) -> bool:
@@ -98,7 +105,7 @@ class PlanBounds:
         port_nm = self.network.torque(command, motion.position_rad, tick_s)
         friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
         load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
-        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command))
+        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command, motion))
         rate_per_s = np.diff(command, prepend=0.0, append=0.0) / tick_s
         pairs = (
             (command, rig.command.limit),
@@ -304,3 +311,16 @@ def words_for(what: str, share: float) -> tuple[str, ...]:
         f"{what} at {share:.0%} of its usual size, to stay within {SHARE:.0%} of every limit: in the same time "
         f"intervals become {1 / share:.1f} times wider; higher [limits] or a longer step would avoid that",
     )
+
+
+def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, seed: int) -> Motion:
+    """A multisine motion as large as the velocity limit's share ``amplitude`` and the load's torque allow."""
+    motion = multisine_motion(duration_s, known.tick_s, low_hz=0.3, high_hz=HIGHEST_MOTION_HZ, seed=seed, slope=-0.6)
+    factor = amplitude * known.rig.limits.velocity_rad_s
+    if known.calibration is not None:
+        # The inertia of the actuator is not known yet: assume that of the load.
+        inertia_kgm2 = 2 * known.calibration.inertia_kgm2
+        torque_nm = inertia_kgm2 * float(np.max(np.abs(motion.acceleration_rad_s2)))
+        available_nm = TORQUE_SHARE * min(known.rig.limits.load_torque_nm, known.rig.limits.torque_nm)
+        factor = min(factor, available_nm / torque_nm)
+    return motion.scaled(factor)

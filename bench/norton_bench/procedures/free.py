@@ -52,14 +52,14 @@ class FreeProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
-        if rig.servo is not None:
+        if rig.holds_position:
             options = self.options
             return servo_free_s(options.levels, options.dwell_s, options.duration_s) + REST_S
         stairs = 2 * self.options.levels * self.options.dwell_s
         return 2 * (SEARCH_S + REST_S) + stairs + 2 * MOVE_S + self.options.duration_s + REST_S
 
     def plan(self, known: Knowledge) -> Plan:
-        return self._plan(known) if known.rig.servo is None else self._servo_plan(known)
+        return self._servo_plan(known) if known.rig.holds_position else self._plan(known)
 
     def _servo_plan(self, known: Knowledge) -> Plan:
         options, rig = self.options, known.rig
@@ -77,7 +77,7 @@ class FreeProcedure:
                 self.name, "search", Use.IDENTIFY, search, rig, stop_at_velocity_rad_s=wanted_rad_s
             )
             ends.append(float(measured.ticks["command"][-1]))
-            yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
+            yield self._rest(rig, "rest", ends[-1])
         low, high = self._span_within(known, ends)
         for _ in range(TRIES):
             climbed = yield from self._climb(rig, low, high)
@@ -89,8 +89,14 @@ class FreeProcedure:
         yield zero_torque(self.name, "multisine", Use.IDENTIFY, command, rig)
         yield zero_torque(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
 
+    def _rest(self, rig: Rig, name: str, command: float) -> Segment:
+        """A motor is let go of at once; a servo that holds a velocity would brake as hard as it can: it is led."""
+        still = hold(0.0, REST_S, rig.tick_s)
+        led = still if rig.servo is None else np.concatenate([ramp(command, 0.0, MOVE_S, rig.tick_s), still])
+        return zero_torque(self.name, name, Use.PREPARE, led, rig)
+
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        if known.rig.servo is not None:
+        if known.rig.holds_position:
             return replace(known, command_span=(-goal_span(known), goal_span(known)))
         searches = [segment for segment in measured.segments if segment.name == "search"]
         ends = [measured.between(s.start_ns, s.end_ns).ticks["command"][-1] for s in searches]
@@ -125,7 +131,7 @@ class FreeProcedure:
                 measured = yield segment
                 ended_early = len(measured.ticks) < segment.ticks
                 if ended_early and abs(measured.ticks["velocity_rad_s"][-1]) >= fastest_rad_s:
-                    yield zero_torque(self.name, TOO_FAST, Use.PREPARE, hold(0.0, REST_S, tick_s), rig)
+                    yield self._rest(rig, TOO_FAST, float(measured.ticks["command"][-1]))
                     return False
             yield zero_torque(self.name, f"leave {name}", Use.PREPARE, back, rig)
         return True

@@ -8,23 +8,14 @@ import numpy as np
 
 from norton_bench.control.design import design_tracking
 from norton_bench.errors import RigError
-from norton_bench.procedures.excitations import Sized, bounds_of, imposed_within, words_for
+from norton_bench.procedures.excitations import Sized, bounds_of, imposed_multisine, imposed_within, words_for
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
-from norton_bench.procedures.servo_plans import (
-    LIMIT_STRETCH,
-    SHAKES,
-    imposed_stretches,
-    limit_stretch,
-    servo_imposed_s,
-    shaken,
-)
+from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, plans_for
 from norton_bench.procedures.waves import (
-    Motion,
     hold,
     imposed,
-    multisine_motion,
     pushed,
     ramp,
     sine_motion,
@@ -40,12 +31,8 @@ REST_S = 0.3
 LOOP_HZ = 4.0
 LOOP_CYCLES = 4
 LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
-# Above this the velocity's spectrum falls with frequency, so that acceleration, and with it torque, stays bounded.
-HIGHEST_HZ = 60.0
 # The grid may reach this share of the velocity limit: the shaft overshoots a little.
 VELOCITY_SHARE = 0.9
-# The load drive may spend this share of its torque on accelerating the two inertias.
-TORQUE_SHARE = 0.4
 
 
 @dataclass(frozen=True)
@@ -66,8 +53,8 @@ class ImposedProcedure:
             )
 
     def duration_s(self, rig: Rig) -> float:
-        if rig.servo is not None:
-            return servo_imposed_s(self.options.duration_s) + len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ + REST_S
+        if (servo := plans_for(rig)) is not None:
+            return servo.imposed_s(self.options.duration_s) + len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ + REST_S
         grid = self.options.commands * (len(self.velocities_rad_s(rig)) + 1) * (CHANGE_S + DWELL_S)
         loops = len(LOOP_AMPLITUDES_RAD) * LOOP_CYCLES / LOOP_HZ
         return grid + loops + self.options.duration_s + REST_S
@@ -82,11 +69,11 @@ class ImposedProcedure:
     def plan(self, known: Knowledge) -> Plan:
         for name, sized in self._stretches(known):
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
-        if known.rig.servo is not None:
-            for shake in range(SHAKES):
-                load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=31 + 2 * shake)
+        if (servo := plans_for(known.rig)) is not None:
+            for shake in range(servo.shakes):
+                load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 31 + 2 * shake)
                 yield pushed(self.name, "shaken", Use.IDENTIFY, load_nm, goal)
-            if (limit := limit_stretch(known)) is not None:
+            if (limit := servo.limit(known)) is not None:
                 yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
@@ -100,9 +87,9 @@ class ImposedProcedure:
 
     def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """The commands and motions to impose, in order, each with its name."""
-        if known.rig.servo is not None:
+        if (servo := plans_for(known.rig)) is not None:
             loops = tuple((amplitude_rad, LOOP_HZ, LOOP_CYCLES) for amplitude_rad in LOOP_AMPLITUDES_RAD)
-            yield from imposed_stretches(known, self.options.duration_s, 3, loops)
+            yield from servo.stretches(known, self.options.duration_s, 3, loops)
             return
         tick_s, bounds = known.tick_s, bounds_of(known)
         low, high = known.span()
@@ -135,16 +122,3 @@ def _gentler(known: Knowledge) -> tuple[str, ...]:
         "this bench: the actuator's command moves the shaft off its motion by so much more, and it moves less as "
         "planned; finer counts, or less delay from command to torque, would mend that",
     )
-
-
-def imposed_multisine(known: Knowledge, amplitude: float, duration_s: float, seed: int) -> Motion:
-    """A multisine motion as large as the velocity limit's share ``amplitude`` and the load's torque allow."""
-    motion = multisine_motion(duration_s, known.tick_s, low_hz=0.3, high_hz=HIGHEST_HZ, seed=seed, slope=-0.6)
-    factor = amplitude * known.rig.limits.velocity_rad_s
-    if known.calibration is not None:
-        # The inertia of the actuator is not known yet: assume that of the load.
-        inertia_kgm2 = 2 * known.calibration.inertia_kgm2
-        torque_nm = inertia_kgm2 * float(np.max(np.abs(motion.acceleration_rad_s2)))
-        available_nm = TORQUE_SHARE * min(known.rig.limits.load_torque_nm, known.rig.limits.torque_nm)
-        factor = min(factor, available_nm / torque_nm)
-    return motion.scaled(factor)

@@ -143,10 +143,11 @@ def require_model(rig: Rig, name: str) -> None:
 
 
 def refuse_servo(rig: Rig, name: str) -> None:
-    """Raises RigError where the actuator's command is a position, for a step that moves it as a motor."""
+    """Raises RigError where the actuator's command is a position or a velocity, for a step that moves it as a motor."""
     if rig.servo is not None:
+        held = "position" if rig.holds_position else "velocity"
         raise RigError(
-            f"{rig.place}: step '{name}' is for a motor, and the command of this actuator is a position; leave it out: "
+            f"{rig.place}: step '{name}' is for a motor, and the command of this actuator is a {held}; leave it out: "
             "'free' and 'imposed' measure a servo"
         )
 

@@ -1,6 +1,6 @@
-"""Goals for a servo, and motions imposed on it: as large as its commands, its limit and the rig's limits allow.
+"""Goals for a servo that holds a position, and motions imposed on it: as large as its limit and the rig's limits allow.
 
-A servo is a spring about its goal: where the shaft stands away from that by the error of its limit, its torque grows no
+It is a spring about its goal: where the shaft stands away from that by the error of its limit, its torque grows no
 more. All but the stretch that looks for the limit stay below it. Every goal and motion begins and ends at zero.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, free_within, imposed_within
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.servo_room import goal_span_rad, room_rad
+from norton_bench.procedures.servo_room import greatest_goal, room_for
 from norton_bench.procedures.waves import Motion, highest_hz, hold, multisine, multisine_motion, ramp, sine_motion
 from norton_drivers.servo import Servo
 
@@ -30,12 +30,11 @@ SWINGS = ((0.5, 4, 1.0), (2.0, 6, 1.0), (8.0, 16, 0.5))
 # The limit is looked for at this many times the error at which it should be, with a slow motion in both directions.
 BEYOND_LIMIT = 1.4
 LIMIT_HZ, LIMIT_CYCLES = 1.0, 6
-LIMIT_STRETCH = "limit"
 
 
 def goal_span(known: Knowledge) -> float:
     """The greatest goal to use [rad]."""
-    return goal_span_rad(known.rig)
+    return greatest_goal(known.rig)
 
 
 def servo_of(known: Knowledge) -> Servo:
@@ -47,7 +46,7 @@ def servo_of(known: Knowledge) -> Servo:
 
 def room(known: Knowledge) -> float:
     """How large a goal, or a motion, may be beside the other [rad]."""
-    return room_rad(known.rig, servo_of(known))
+    return room_for(known.rig, servo_of(known))
 
 
 def free_goals(known: Knowledge, levels: int, dwell_s: float, duration_s: float) -> Iterator[tuple[str, FloatArray]]:
@@ -122,19 +121,19 @@ def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, 
         multisine(duration_s, tick_s, low_hz=1.0, high_hz=highest_hz(tick_s), seed=each, slope=-0.25)
         for each in (seed, seed + 1)
     )
-    torque_nm = min(servo_of(known).stiffness_nm_rad * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
+    torque_nm = min(servo_of(known).gain * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
     return torque_nm * load, size_rad * goal + travel(known, duration_s, seed + 2).position_rad
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
     """A goal and a motion between which the servo reaches its limit; None where the rig does not let it, or nobody
     knows where that is."""
-    wanted_rad, limits = BEYOND_LIMIT * servo_of(known).greatest_rad, known.rig.limits
+    wanted_rad, limits = BEYOND_LIMIT * servo_of(known).greatest_error, known.rig.limits
     torque_nm = servo_of(known).greatest_nm
-    amplitude_rad = max(wanted_rad - goal_span(known), 0.25 * servo_of(known).greatest_rad)
+    amplitude_rad = max(wanted_rad - goal_span(known), 0.25 * servo_of(known).greatest_error)
     if not np.isfinite(wanted_rad) or torque_nm > SHARE * min(limits.torque_nm, limits.load_torque_nm):
         return None
-    if amplitude_rad > min(SHARE * limits.position_rad, 2.0 * servo_of(known).greatest_rad):
+    if amplitude_rad > min(SHARE * limits.position_rad, 2.0 * servo_of(known).greatest_error):
         return None
     motion = sine_motion(amplitude_rad, LIMIT_HZ, LIMIT_CYCLES, known.tick_s)
     goal_rad = min(goal_span(known), wanted_rad - 0.5 * amplitude_rad)

@@ -1,4 +1,7 @@
-"""How large goals for a servo may be, and motions imposed on it, so that its torque stays below a limit."""
+"""How large commands for a servo may be, and motions imposed on it, so that its torque stays below a limit.
+
+All are in the unit of its command: rad for one that holds a position, rad/s for one that holds a velocity.
+"""
 
 from norton_bench.rig.rig import Rig
 from norton_drivers.servo import Servo
@@ -11,26 +14,30 @@ TORQUE_SHARE = 0.8
 ERROR_SHARE = 0.4
 
 
-def goal_span_rad(rig: Rig) -> float:
+def greatest_goal(rig: Rig) -> float:
     """The greatest goal to use."""
     return GOAL_SHARE * min(abs(end) for end in rig.command.span)
 
 
-def error_rad(rig: Rig, servo: Servo) -> float:
-    """The greatest error: at the servo's own limit, or where the port has its greatest torque."""
-    return min(servo.greatest_rad, TORQUE_SHARE * rig.limits.torque_nm / servo.stiffness_nm_rad)
+def greatest_error(rig: Rig, servo: Servo) -> float:
+    """At the servo's own limit, or where the port has its greatest torque."""
+    return min(servo.greatest_error, TORQUE_SHARE * rig.limits.torque_nm / servo.gain)
 
 
-def room_rad(rig: Rig, servo: Servo) -> float:
+def room_for(rig: Rig, servo: Servo) -> float:
     """How large a goal, or a motion, may be that leaves the servo below its limit, whatever the other does."""
-    return min(goal_span_rad(rig), ERROR_SHARE * error_rad(rig, servo))
+    return min(greatest_goal(rig), ERROR_SHARE * greatest_error(rig, servo))
 
 
 def greatest_step(rig: Rig) -> float:
-    """The greatest command that may come at once: any of a motor, of a servo what brings it near to its limit."""
-    return rig.command.limit if rig.servo is None else min(goal_span_rad(rig), error_rad(rig, rig.servo))
+    """The greatest command that may come at once: any of a motor, of a servo what brings it near to its limit.
+
+    One that holds a velocity has a motor's: what it grows to here it is led to, and the shaft follows."""
+    if rig.servo is None or not rig.servo.holds_position:
+        return rig.command.limit
+    return min(greatest_goal(rig), greatest_error(rig, rig.servo))
 
 
 def greatest_shake(rig: Rig) -> float:
     """The greatest command to shake with."""
-    return rig.command.limit if rig.servo is None else room_rad(rig, rig.servo)
+    return rig.command.limit if rig.servo is None else room_for(rig, rig.servo)

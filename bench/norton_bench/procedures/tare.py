@@ -117,7 +117,7 @@ SEARCH_S = 2.5  # how long a torque grows until the shaft moves
 REST_S = 0.3
 # The shaft moves: it is faster than this share of the velocity limit.
 MOVING = 0.03
-MOVING_GOAL_SHARE = 0.3  # or, of a servo, than it is at this share of its greatest goal
+MOVING_GOAL_SHARE = 0.3  # or, of one that holds a position, than it is at this share of its greatest goal
 # Where the torque sensor measured no more than noise: further pushes, to these multiples of that speed. The torque at
 # the port grows with it, and every push averages the noise more.
 FASTER = (2.0, 4.0, 8.0)
@@ -185,7 +185,7 @@ class TareProcedure:
 def moving_velocity_rad_s(rig: Rig) -> float:
     """From which on the shaft counts as turning."""
     moving_rad_s = MOVING * rig.limits.velocity_rad_s
-    if rig.servo is None:
+    if not rig.holds_position:
         return moving_rad_s
     # It follows a goal that grows by this factor a second, and reaches the velocity at a share of its greatest goal.
     return min(moving_rad_s, MOVING_GOAL_SHARE * log(100.0) / SEARCH_S * greatest_step(rig))

@@ -7,12 +7,19 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.procedures.excitations import Sized, bounds_of, free_within, imposed_within, words_for
+from norton_bench.procedures.excitations import (
+    Sized,
+    bounds_of,
+    free_within,
+    imposed_multisine,
+    imposed_within,
+    words_for,
+)
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.imposed import imposed_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
-from norton_bench.procedures.servo_plans import SHAKES, free_goal, imposed_stretches, servo_imposed_s, shaken
+from norton_bench.procedures.plans_of_servos import plans_for
+from norton_bench.procedures.servo_plans import free_goal
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -45,8 +52,8 @@ class ValidateProcedure:
         free_s = self.options.duration_s + REST_S
         if rig.wiring.load is None:
             return free_s
-        if rig.servo is not None:
-            return free_s + servo_imposed_s(self.options.duration_s) + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
+        if (servo := plans_for(rig)) is not None:
+            return free_s + servo.imposed_s(self.options.duration_s) + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
         slides_s = len(COMMAND_SHARES) * (len(SPEED_SHARES) + 1) * (CHANGE_S + DWELL_S)
         return 2 * free_s + SLOW_S + slides_s + len(LOOPS_RAD) * LOOP_CYCLES / LOOP_HZ
 
@@ -60,9 +67,9 @@ class ValidateProcedure:
         if rig.wiring.load is not None:
             for name, sized in self._driven(known):
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
-            if rig.servo is not None:
-                for shake in range(SHAKES):
-                    load_nm, goal = shaken(known, 0.5 * self.options.duration_s, seed=51 + 2 * shake)
+            if (servo := plans_for(rig)) is not None:
+                for shake in range(servo.shakes):
+                    load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 51 + 2 * shake)
                     yield pushed(self.name, "shaken", Use.VALIDATE, load_nm, goal)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
@@ -73,15 +80,15 @@ class ValidateProcedure:
         return tuple(sentence for name, share in shares for sentence in words_for(f"{self.name}, {name}:", share))
 
     def _free(self, known: Knowledge) -> FloatArray:
-        if known.rig.servo is not None:
+        if known.rig.holds_position:
             return free_goal(known, self.options.duration_s, self.options.seed)
         return command_multisine(known, known.span(), self.options.duration_s, self.options.seed)
 
     def _driven(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """A multisine, slow motion, sliding at other speeds, small loops, each with its name."""
-        if known.rig.servo is not None:
+        if (servo := plans_for(known.rig)) is not None:
             loops = tuple((amplitude_rad, LOOP_HZ, LOOP_CYCLES) for amplitude_rad in LOOPS_RAD)
-            for name, sized in imposed_stretches(known, self.options.duration_s, self.options.seed + 1, loops):
+            for name, sized in servo.stretches(known, self.options.duration_s, self.options.seed + 1, loops):
                 yield f"imposed {name}", sized
             return
         seed, tick_s, bounds = self.options.seed, known.tick_s, bounds_of(known)

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
+from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.models.terms import Factor, NetworkTerm
 from norton_bench.report.sections import sections
@@ -28,6 +29,7 @@ from norton_bench.report.words import (
     to_its_digits,
 )
 from norton_bench.result import Result
+from norton_drivers.servo import Servo
 
 # With these statuses the value is shown in the equation, with all others the symbol.
 SHOWN_AS_NUMBER = (Status.VALID, Status.LEARNING, Status.RATIO_ONLY)
@@ -69,6 +71,15 @@ _LINES = (
         "ωN = ({torque_gain}·c ∓ {coulomb_torque}) / {viscous_damping}",
     ),
 )
+# With a servo's loop: what it leaves of the command, and where the source is.
+_ASKED = {True: "(c − θ − T·ω)", False: "(c − ω)"}
+_SERVO_SOURCES = {
+    True: (
+        "With no torque at the shaft it goes to its goal, as near as friction lets it:",
+        "θN = c ± {coulomb_torque} / {torque_gain}",
+    ),
+    False: (_LINES[-1][0], "ωN = ({torque_gain}·c ∓ {coulomb_torque}) / ({viscous_damping} + {torque_gain})"),
+}
 _RATIOS = (
     "Without a measured torque the scale is unknown: the values are known up to one common factor, and torques are "
     "in the unit of the command."
@@ -80,7 +91,7 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
     symbols = {name: parameter.symbol for name, parameter in BY_NAME.items()}
     values = {**symbols, **_values(fit.estimates)}
     lines = (
-        *(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _LINES),
+        *(EquationLine(said, form.format(**symbols), form.format(**values)) for said, form in _lines_of(fit.network)),
         *(_term_line(term, command_unit) for term in fit.network.terms),
     )
     torque = "N·m" if not fit.ratios_only else pretty_unit(command_unit) or "N·m"
@@ -90,9 +101,33 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
         ("τ", f"torque that the actuator exerts on its load [{torque}]"),
         ("ω", "velocity of the output shaft [rad/s]"),
         ("φ", "deflection of the friction contact [rad]"),
-        ("ωN", "steady free velocity [rad/s]; − for c > 0, + for c < 0, and 0 where Km·Ka·|c| is below τc"),
+        *_variables_of(fit.network.servo),
     )
     return ModelEquations(lines, variables, _RATIOS if fit.ratios_only else "")
+
+
+def _lines_of(network: NortonNetwork) -> tuple[tuple[str, str], ...]:
+    servo = network.servo
+    if servo is None:
+        return _LINES
+    (amplifier, lag), *others, _ = _LINES
+    asked = lag.replace("·c ", f"·{_ASKED[servo.holds_position]} ")
+    return (
+        (amplifier.replace("command", "error that the drive's own loop sees"), asked),
+        *others,
+        _SERVO_SOURCES[servo.holds_position],
+    )
+
+
+def _variables_of(servo: Servo | None) -> tuple[tuple[str, str], ...]:
+    late = "" if servo is None else f"; the loop has it {1e3 * (servo.delay_s + 0.5 * servo.window_s):.3g} ms later"
+    if servo is not None and servo.holds_position:
+        return (
+            ("θ", f"angle of the output shaft [rad]{late}"),
+            ("T", f"damping of the loop over its stiffness, as set: {1e3 * servo.of_velocity:.4g} ms"),
+            ("θN", "free angle at rest [rad]"),
+        )
+    return (("ωN", f"steady free velocity [rad/s]; − for c > 0, + for c < 0, and 0 where Km·Ka·|c| is below τc{late}"),)
 
 
 # What the equation of a term is for.
@@ -125,8 +160,10 @@ SHOWN = ("breakaway_command", "free_speed_per_command", "mechanical_time_constan
 def derived_facts(fit: FitResult) -> Facts | None:
     """A few figures computed from the network; ``norton-bench datasheet`` has all.
 
-    A row for each figure whose parameters are known; None where there is none.
+    A row for each figure whose parameters are known; None where there is none, and for a servo: they are a motor's.
     """
+    if fit.network.servo is not None:
+        return None
     statuses = {each.name: each.status for each in fit.estimates}
     figures = {each.row.name: each for each in derived(fit.network, (), statuses=statuses)}
     rows = tuple(

@@ -311,7 +311,7 @@ def _twist(draft: Draft) -> Found:
 
 
 def _command_limit(draft: Draft) -> Found:
-    """A command in newton metres is what a blocked shaft carries."""
+    """A command in newton metres is what a blocked shaft carries, one of a velocity what a free shaft has."""
     if draft.actuator is None or draft.limits is None:
         return
     greatest_nm = draft.actuator.command.limit_nm
@@ -320,6 +320,15 @@ def _command_limit(draft: Draft) -> Found:
             "[actuator.command] limit",
             f"{greatest_nm:g} N*m on a blocked shaft would exceed [limits] torque = {draft.limits.torque_nm:g} N*m; "
             "lower the command's limit or raise the torque's",
+        )
+    command, greatest_rad_s = draft.actuator.command, draft.limits.velocity_rad_s
+    declared = amplifier_options(draft.actuator.driver, draft.options.get("actuator", {}))
+    turns = declared is not None and declared.servo is not None and not declared.servo.holds_position
+    if turns and command.sent_as is None and command.limit > greatest_rad_s:
+        yield (
+            "[actuator.command] limit",
+            f"{command.limit:g} {command.unit} is what a free shaft would turn at, and [limits] velocity = "
+            f"{greatest_rad_s:g} rad/s; lower the command's limit or raise the velocity's",
         )
 
 

@@ -82,8 +82,13 @@ class Rig:
 
     @property
     def servo(self) -> Servo | None:
-        """The actuator's own position loop, where its command is a position."""
+        """The actuator's own loop, where its command is a position or a velocity."""
         return self.wiring.actuator.servo
+
+    @property
+    def holds_position(self) -> bool:
+        """Whether its command is a position: the source is then a place, and otherwise a velocity."""
+        return self.servo is not None and self.servo.holds_position
 
     @property
     def tick_ns(self) -> int:

@@ -137,9 +137,9 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
     modelless = without_model(result, stretches, unseen, segments)
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
-    servo = result.network.servo
-    # A servo's source is an angle: it has no free velocity to map.
-    static = None if servo else _where_measured(partial(source_map, port=port), data.measured)
+    # The source of a servo that holds a position is an angle: it has no free velocity to map.
+    holds = result.network.servo is not None and result.network.servo.holds_position
+    static = None if holds else _where_measured(partial(source_map, port=port), data.measured)
     evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
     return replace(
         so_far,
@@ -149,7 +149,7 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
         model_error=error,
         without_model=modelless,
         residuals=diagnose(result, stretches),
-        conditions=servo_conditions(result.network, evidence) if servo else conditions(evidence),
+        conditions=servo_conditions(result.network, evidence) if holds else conditions(evidence),
         ladder=rungs,
         network_file=_saved(result, network_file, so_far.metadata),
     )

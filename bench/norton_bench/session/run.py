@@ -57,11 +57,11 @@ def guard_model_of(known: Knowledge) -> GuardModel:
     return GuardModel(
         torque=torque_readings(_stretch(tared, "rest"), shaken),
         moving_command=tare.moving_command,
-        amperes_per_command=amperes_per_command(tared.ticks, "command", tared.current),
+        # The current and torque of a servo do not follow from its command alone.
+        amperes_per_command=None if known.rig.servo else amperes_per_command(tared.ticks, "command", tared.current),
         load_amperes_per_nm=amperes_per_command(tared.ticks, "load_torque_nm", tared.load_current),
         sensor_stiffness_nm_rad=None if calibration is None else calibration.sensor_stiffness_nm_rad,
         still_swing_nm=None if shaken is None else max(still_swing_nm(tared), still_swing_nm(shaken)),
-        # A servo's torque does not follow from its command and velocity.
         actuator=None if known.rig.servo else _actuator(known.actuator, known.rig.limits.velocity_rad_s),
         load=None if calibration is None else _load(calibration),
     )
@@ -299,7 +299,7 @@ class SessionRun:
     def _foresee(self, segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
         """With the free motion to expect under zero torque, where a network predicts it well enough."""
         known = self.so_far.known
-        if known.calibration is None or known.actuator is None or known.rig.servo is not None:
+        if known.calibration is None or known.actuator is None or known.rig.holds_position:
             return segment
         knows_friction = known.calibration.actuator_friction is not None
         network = foreseeing(known.actuator.network, self.feed.latest.network, knows_friction=knows_friction)

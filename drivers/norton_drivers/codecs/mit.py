@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import NamedTuple, Self
 
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.ranges import Goal, Ranges
+from norton_drivers.codecs.ranges import Goal, GoalCodes, Ranges
 
 IDENTIFIER_MAX = 0x7FF
 NODE_MAX = 0xFF  # a reply's first byte must hold it
@@ -62,9 +62,10 @@ def command_value(torque_code: int) -> bytes:
     return packed.to_bytes(_COMMAND_LENGTH, "big")
 
 
-def goal_value(position_code: int, stiffness_code: int, damping_code: int, torque_code: int) -> bytes:
-    """A command of a position with gains, and a torque beside them; the velocity is near zero."""
-    packed = position_code << 48 | (_LAST_SHORT // 2) << 36 | stiffness_code << 24 | damping_code << 12 | torque_code
+def goal_value(codes: GoalCodes) -> bytes:
+    """A command of a position and a velocity with their gains, and a torque beside them."""
+    position, velocity, stiffness, damping, torque = codes
+    packed = position << 48 | velocity << 36 | stiffness << 24 | damping << 12 | torque
     return packed.to_bytes(_COMMAND_LENGTH, "big")
 
 
@@ -80,7 +81,7 @@ def goal_of(data: bytes | bytearray, ranges: Ranges) -> Goal:
     torque = torque_code_of(data)
     packed = int.from_bytes(data[:_COMMAND_LENGTH], "big")
     velocity, stiffness, damping = (packed >> shift & _LAST_SHORT for shift in (36, 24, 12))
-    return ranges.goal_of(packed >> 48, velocity, stiffness, damping, torque)
+    return ranges.goal_of(GoalCodes(packed >> 48, velocity, stiffness, damping, torque))
 
 
 class Reply(NamedTuple):

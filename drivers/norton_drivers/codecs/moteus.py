@@ -6,9 +6,9 @@ docs/protocol/registers.md, docs/guides/control-modes.md; fw/moteus_controller.c
 ``ScaleSaturate``), fw/bldc_servo_structs.h (``BldcServoMode``), fw/bldc_servo_control.h (``PrepareCommand``).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import IntEnum
-from math import isfinite, nan
+from math import isfinite, nan, tau
 from struct import Struct
 from typing import Final, NamedTuple, Self
 
@@ -187,6 +187,30 @@ def position_command(timeout_s: float) -> Command:
     )
 
 
+def velocity_command(timeout_s: float) -> Command:
+    """A velocity [turns/s] that is obeyed at once, without a place to hold: no position, no kp and no integral, but the
+    drive's kd; and the question."""
+    unlimited = (raw_of(register, Resolution.INT8, -1.0) for register in _LIMITS)
+    return _command(
+        (
+            write(Register.MODE, Resolution.INT8, Mode.POSITION),
+            write(Register.COMMAND_POSITION, Resolution.INT8, _COUNT_NONE),
+        ),
+        Register.COMMAND_VELOCITY,
+        (
+            write(Register.KP_SCALE, Resolution.INT8, 0),
+            *_ending(timeout_s),
+            write(_LIMITS[0], Resolution.INT8, *unlimited),
+        ),
+    )
+
+
+# How each mode is commanded, and what one of the controller's units is.
+FORMS: Final[Mapping[str, tuple[Callable[[float], Command], float]]] = {
+    "torque": (torque_command, 1.0),
+    "position": (position_command, tau),
+    "velocity": (velocity_command, tau),
+}
 _LIMITS: Final = (Register.VELOCITY_LIMIT, Register.ACCELERATION_LIMIT)
 
 

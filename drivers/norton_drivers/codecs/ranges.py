@@ -31,6 +31,16 @@ class Goal(NamedTuple):
         return self.stiffness_nm_rad * error_rad + self.damping_nms_rad * error_rad_s + self.torque_nm
 
 
+class GoalCodes(NamedTuple):
+    """The integers of a command."""
+
+    position: int
+    velocity: int
+    stiffness: int
+    damping: int
+    torque: int
+
+
 RELEASED = Goal(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -90,6 +100,19 @@ class Ranges:
         """The position that the drive makes of a code in a command."""
         return code * self.position_step_rad - self.position_rad
 
+    def velocity_code(self, velocity_rad_s: float) -> int:
+        """The nearest code, held within the range. Raises CodecError for no number."""
+        return _nearest("velocity", velocity_rad_s, self.velocity_rad_s, self._last_short)
+
+    def commanded_rad_s(self, code: int) -> float:
+        """The velocity that the drive makes of a code in a command."""
+        return code * self.velocity_step_rad_s - self.velocity_rad_s
+
+    @property
+    def slowest_code(self) -> int:
+        """Half a step below a velocity of zero, which has no code."""
+        return self._last_short // 2
+
     def stiffness_code(self, stiffness_nm_rad: float) -> int:
         """The nearest code, held within what can be sent."""
         return self._gain_code(stiffness_nm_rad / self.stiffness_nm_rad)
@@ -109,14 +132,14 @@ class Ranges:
         """The damping [N m s/rad] that the drive makes of a code."""
         return code * self.damping_nms_rad / self._last_short
 
-    def goal_of(self, position: int, velocity: int, stiffness: int, damping: int, torque: int) -> Goal:
+    def goal_of(self, codes: GoalCodes) -> Goal:
         """What the drive makes of a command's codes."""
         return Goal(
-            self.commanded_rad(position),
-            velocity * self.velocity_step_rad_s - self.velocity_rad_s,
-            self.stiffness_of(stiffness),
-            self.damping_of(damping),
-            self.commanded_nm(torque),
+            self.commanded_rad(codes.position),
+            self.commanded_rad_s(codes.velocity),
+            self.stiffness_of(codes.stiffness),
+            self.damping_of(codes.damping),
+            self.commanded_nm(codes.torque),
         )
 
     # ---- Replies -------------------------------------------------------------------------------------------------

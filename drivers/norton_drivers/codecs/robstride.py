@@ -17,7 +17,7 @@ from struct import Struct
 from typing import NamedTuple, Self
 
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.ranges import Goal, Ranges
+from norton_drivers.codecs.ranges import Goal, GoalCodes, Ranges
 
 NODE_MAX = 0x7F
 HOST_MAX = 0xFF
@@ -71,18 +71,18 @@ MODELS = {
 
 def torque_value(node: int, torque_code: int) -> tuple[int, bytes]:
     """A command of torque alone: both gains are zero, so that position and velocity (here near zero) say nothing."""
-    return goal_value(node, _MIDDLE, 0, 0, torque_code)
+    return goal_value(node, GoalCodes(_MIDDLE, _MIDDLE, 0, 0, torque_code))
 
 
-def goal_value(node: int, position: int, stiffness: int, damping: int, torque: int) -> tuple[int, bytes]:
-    """A command of a position with gains, and a torque beside them; the velocity is near zero."""
-    return identifier(Kind.CONTROL, torque, node), _FOUR_WORDS.pack(position, _MIDDLE, stiffness, damping)
+def goal_value(node: int, codes: GoalCodes) -> tuple[int, bytes]:
+    """A command of a position and a velocity with their gains, and a torque beside them."""
+    return identifier(Kind.CONTROL, codes.torque, node), _FOUR_WORDS.pack(*codes[:4])
 
 
 def goal_of(extra: int, data: bytes | bytearray, ranges: Ranges) -> Goal:
     """A command as the motor reads it. Raises CodecError for one cut short."""
     position, velocity, stiffness, damping = _unpacked(_FOUR_WORDS, data, "command")
-    return ranges.goal_of(position, velocity, stiffness, damping, extra)
+    return ranges.goal_of(GoalCodes(position, velocity, stiffness, damping, extra))
 
 
 class Mode(IntEnum):

@@ -18,7 +18,7 @@ from norton_drivers.codecs import damiao as protocol
 from norton_drivers.codecs import mit
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.damiao import Feedback, Operation, Register, RegisterFrame, Special
-from norton_drivers.codecs.ranges import Ranges
+from norton_drivers.codecs.ranges import GoalCodes, Ranges
 from norton_drivers.damiao.options import UNFILTERED_HZ, DamiaoOptions
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
@@ -122,8 +122,8 @@ class Damiao(SpokenToDrive):
     def _pack_torque(self, code: int) -> Addressed:
         return self.options.node, mit.command_value(code)
 
-    def _pack_goal(self, position: int, stiffness: int, damping: int, torque: int) -> Addressed:
-        return self.options.node, mit.goal_value(position, stiffness, damping, torque)
+    def _pack_goal(self, codes: GoalCodes) -> Addressed:
+        return self.options.node, mit.goal_value(codes)
 
     def _send_enable(self) -> None:
         self._send(self.options.node, Special.ENABLE.encode())

@@ -16,8 +16,8 @@ from norton_drivers.spoken_to.options import (
     GreatestTorque,
     Stiffness,
     TorqueConstant,
+    check_damping,
     check_gains,
-    check_greatest,
     servo_of,
 )
 from norton_drivers.wiring import DeviceOptions
@@ -31,14 +31,19 @@ class DamiaoOptions(DeviceOptions):
     """What a rig file may say of a Damiao motor. Ranges that it does not give are as read from the motor."""
 
     asked: ClassVar = ("master", "beyond_range")
-    command_units: ClassVar = {"N*m": {"mode": "torque"}, "rad": {"mode": "position"}}
+    command_units: ClassVar = {
+        "N*m": {"mode": "torque"},
+        "rad": {"mode": "position"},
+        "rad/s": {"mode": "velocity"},
+    }
 
     node: int = Field(ge=1, le=protocol.NODE_MAX, description="the motor's CAN ID (ESC_ID); not above 15", examples=[1])
     master: int = Field(
         0, ge=0, le=IDENTIFIER_MAX - 1, description="the CAN id that its answers come with (MST_ID)", examples=[17]
     )
-    mode: Literal["torque", "position"] = Field(
-        "torque", description='what is commanded: "torque" [N*m], or "position" [rad], which the drive then holds'
+    mode: Literal["torque", "position", "velocity"] = Field(
+        "torque",
+        description='what is commanded: "torque" [N*m]; "position" [rad] or "velocity" [rad/s], which the drive holds',
     )
     position_range_rad: float | None = Field(
         None,
@@ -128,7 +133,7 @@ class DamiaoOptions(DeviceOptions):
     @field_validator("damping_nms_rad")
     @classmethod
     def _can_be_sent(cls, damping_nms_rad: float, info: ValidationInfo) -> float:
-        check_greatest(damping_nms_rad, _ANY.damping_nms_rad, "N*m*s/rad")
+        check_damping(info.data.get("mode"), damping_nms_rad, _ANY)
         if damping_nms_rad and info.data.get("velocity_bandwidth_hz", UNFILTERED_HZ) < UNFILTERED_HZ:
             raise ValueError(
                 'needs velocity_bandwidth = "500 Hz", and V_BW = 500 in the motor: else the velocity in its loop is '

@@ -17,6 +17,7 @@ import can
 from norton_drivers.codecs import mit as protocol
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.mit import Reply, Special
+from norton_drivers.codecs.ranges import GoalCodes
 from norton_drivers.link import Link
 from norton_drivers.mit.options import MitOptions
 from norton_drivers.ports import CanPort
@@ -61,8 +62,8 @@ class MitActuator(SpokenToDrive):
     def _pack_torque(self, code: int) -> Addressed:
         return self.options.node, protocol.command_value(code)
 
-    def _pack_goal(self, position: int, stiffness: int, damping: int, torque: int) -> Addressed:
-        return self.options.node, protocol.goal_value(position, stiffness, damping, torque)
+    def _pack_goal(self, codes: GoalCodes) -> Addressed:
+        return self.options.node, protocol.goal_value(codes)
 
     def _send_enable(self) -> None:
         self._send(self.options.node, Special.ENABLE.encode())

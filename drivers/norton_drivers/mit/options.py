@@ -16,8 +16,8 @@ from norton_drivers.spoken_to.options import (
     Stiffness,
     TorqueConstant,
     VelocityWindow,
+    check_damping,
     check_gains,
-    check_greatest,
     servo_of,
 )
 from norton_drivers.wiring import DeviceOptions
@@ -30,7 +30,11 @@ class MitOptions(DeviceOptions):
     """What a rig file may say of an actuator in MIT mode."""
 
     asked: ClassVar = ("beyond_range", "watchdog")
-    command_units: ClassVar = {"N*m": {"mode": "torque"}, "rad": {"mode": "position"}}
+    command_units: ClassVar = {
+        "N*m": {"mode": "torque"},
+        "rad": {"mode": "position"},
+        "rad/s": {"mode": "velocity"},
+    }
 
     node: int = Field(ge=0, le=protocol.NODE_MAX, description="the motor's CAN id", examples=[1])
     master: int = Field(0, ge=0, le=protocol.IDENTIFIER_MAX, description="the CAN id that its replies come with")
@@ -77,8 +81,9 @@ class MitOptions(DeviceOptions):
         examples=["0.01 N*m"],
     )
 
-    mode: Literal["torque", "position"] = Field(
-        "torque", description='what is commanded: "torque" [N*m], or "position" [rad], which the drive then holds'
+    mode: Literal["torque", "position", "velocity"] = Field(
+        "torque",
+        description='what is commanded: "torque" [N*m]; "position" [rad] or "velocity" [rad/s], which the drive holds',
     )
     stiffness_nm_rad: Stiffness = None
     damping_nms_rad: Damping = 0.0
@@ -98,8 +103,8 @@ class MitOptions(DeviceOptions):
 
     @field_validator("damping_nms_rad")
     @classmethod
-    def _can_be_sent(cls, damping_nms_rad: float) -> float:
-        check_greatest(damping_nms_rad, _ANY.damping_nms_rad, "N*m*s/rad")
+    def _can_be_sent(cls, damping_nms_rad: float, info: ValidationInfo) -> float:
+        check_damping(info.data.get("mode"), damping_nms_rad, _ANY)
         return damping_nms_rad
 
     @property

@@ -50,8 +50,8 @@ class MoteusController(DriveBase):
         self._link = link
         self._rad_per_turn = settings.direction * tau
         self._to = Address(options.host_node, options.node, asks=True, prefix=options.prefix)
-        self._lead = None if options.servo is None else Lead()
-        make, self._unit = (protocol.torque_command, 1.0) if self._lead is None else (protocol.position_command, tau)
+        self._lead = Lead() if options.mode == "position" else None
+        make, self._unit = protocol.FORMS[options.mode]
         self._form = make(options.watchdog_s)
         self._reply: State | None = None
         self._replies, self._reply_ns = 0, 0
@@ -97,8 +97,8 @@ class MoteusController(DriveBase):
         self._enabled, self._status = True, None
 
     def command(self, value: float) -> float:
-        """Command a torque [N m], or a position [rad]; returns what is sent: the nearest that can be, or, soon after
-        it was enabled away from zero, where it is led. Raises ConnectionFailedError, DeviceError."""
+        """Command a torque [N m], a position [rad] or a velocity [rad/s]; returns what is sent: the nearest, or where
+        it is led that was enabled away from a position of zero. Raises ConnectionFailedError, DeviceError."""
         wanted = self._direction * value
         if self._lead is not None:
             wanted = self._lead.led_rad(wanted, self._link.clock.now_ns())

@@ -15,7 +15,11 @@ from norton_drivers.wiring import DeviceOptions
 class MoteusOptions(DeviceOptions):
     """What a rig file may say of a moteus controller."""
 
-    command_units: ClassVar = {"N*m": {"mode": "torque"}, "rad": {"mode": "position"}}
+    command_units: ClassVar = {
+        "N*m": {"mode": "torque"},
+        "rad": {"mode": "position"},
+        "rad/s": {"mode": "velocity"},
+    }
 
     node: int = Field(ge=1, le=multiplex.NODE_MAX, description="id.id as set in the controller", examples=[1])
     host_node: int = Field(0, ge=0, le=multiplex.NODE_MAX, description="the id of this computer, which no device has")
@@ -29,8 +33,10 @@ class MoteusOptions(DeviceOptions):
         examples=["100 ms"],
     )
     counts_per_turn: int = Field(0, ge=0, description="encoder counts per turn; 0 where unknown", examples=[16384])
-    mode: Literal["torque", "position"] = Field(
-        "torque", description='what is commanded: "torque" [N*m], or "position" [rad], which the controller then holds'
+    mode: Literal["torque", "position", "velocity"] = Field(
+        "torque",
+        description='what is commanded: "torque" [N*m], "position" [rad] or "velocity" [rad/s], which the controller '
+        "then holds",
     )
     stiffness_nm_rad: float | None = Field(
         None,
@@ -44,33 +50,34 @@ class MoteusOptions(DeviceOptions):
         0.0,
         alias="damping",
         ge=0,
-        description='servo.pid_position.kd as set in the controller, with mode = "position"',
+        validate_default=True,
+        description='servo.pid_position.kd as set in the controller, with mode = "position" or "velocity"',
         examples=["0.05 N*m*s/turn"],
     )
     greatest_torque_nm: float = Field(
         inf,
         alias="greatest_torque",
         gt=0,
-        description='what servo.max_current_A comes to, with mode = "position"',
+        description='what servo.max_current_A comes to, with mode = "position" or "velocity"',
         examples=["0.4 N*m"],
     )
     loop_period_s: float = Field(
-        1 / 30_000, alias="loop_period", gt=0, le=1e-3, description="how often it works out its position loop"
+        1 / 30_000, alias="loop_period", gt=0, le=1e-3, description="how often it works out its loop"
     )
     velocity_window_s: float = Field(
         SHORTEST_WINDOW_S,
         alias="velocity_window",
         ge=SHORTEST_WINDOW_S,
         le=5e-3,
-        description="twice the delay of the velocity in its position loop",
+        description="twice the delay of the velocity in its loop",
     )
 
     @property
     def servo(self) -> Servo | None:
-        if self.mode == "torque" or self.stiffness_nm_rad is None:
+        if self.mode == "torque":
             return None
         return Servo(
-            stiffness_nm_rad=self.stiffness_nm_rad,
+            stiffness_nm_rad=self.stiffness_nm_rad or 0.0,
             damping_nms_rad=self.damping_nms_rad,
             delay_s=0.5 * self.loop_period_s,  # what is worked out is held for a period
             window_s=self.velocity_window_s,
@@ -82,4 +89,13 @@ class MoteusOptions(DeviceOptions):
     def _is_there_for_position(cls, stiffness_nm_rad: float | None, info: ValidationInfo) -> float | None:
         if info.data.get("mode") == "position" and stiffness_nm_rad is None:
             raise ValueError('mode = "position" needs it')
+        if info.data.get("mode") == "velocity" and stiffness_nm_rad is not None:
+            raise ValueError('mode = "velocity" has none: its gain is damping; leave it out')
         return stiffness_nm_rad
+
+    @field_validator("damping_nms_rad")
+    @classmethod
+    def _is_there_for_velocity(cls, damping_nms_rad: float, info: ValidationInfo) -> float:
+        if info.data.get("mode") == "velocity" and not damping_nms_rad:
+            raise ValueError('mode = "velocity" needs it')
+        return damping_nms_rad

@@ -15,7 +15,7 @@ import can
 
 from norton_drivers.codecs import robstride as protocol
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.ranges import POSITION_CODES
+from norton_drivers.codecs.ranges import POSITION_CODES, GoalCodes
 from norton_drivers.codecs.robstride import Feedback, Kind, Mode, Parameter
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link
@@ -137,8 +137,8 @@ class RobStride(SpokenToDrive):
     def _pack_torque(self, code: int) -> Addressed:
         return protocol.torque_value(self.options.node, code)
 
-    def _pack_goal(self, position: int, stiffness: int, damping: int, torque: int) -> Addressed:
-        return protocol.goal_value(self.options.node, position, stiffness, damping, torque)
+    def _pack_goal(self, codes: GoalCodes) -> Addressed:
+        return protocol.goal_value(self.options.node, codes)
 
     def _send_enable(self) -> None:
         self._send(self._to_motor(Kind.ENABLE), bytes(8))

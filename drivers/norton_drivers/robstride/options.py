@@ -18,8 +18,8 @@ from norton_drivers.spoken_to.options import (
     Stiffness,
     TorqueConstant,
     VelocityWindow,
+    check_damping,
     check_gains,
-    check_greatest,
     servo_of,
 )
 from norton_drivers.wiring import DeviceOptions
@@ -31,15 +31,21 @@ class RobStrideOptions(DeviceOptions):
     """What a rig file may say of a RobStride motor or a CyberGear."""
 
     asked: ClassVar = ("mode", "beyond_range")
-    command_units: ClassVar = {"N*m": {"mode": "torque"}, "A": {"mode": "current"}, "rad": {"mode": "position"}}
+    command_units: ClassVar = {
+        "N*m": {"mode": "torque"},
+        "A": {"mode": "current"},
+        "rad": {"mode": "position"},
+        "rad/s": {"mode": "velocity"},
+    }
 
     node: int = Field(ge=1, le=protocol.NODE_MAX, description="the motor's CAN id", examples=[127])
     motor: Literal["cybergear", "rs00", "rs01", "rs02", "rs03", "rs04", "rs05", "rs06"] = Field(
         description="which motor it is: what its integers span follows from that", examples=["rs02"]
     )
-    mode: Literal["torque", "current", "position"] = Field(
+    mode: Literal["torque", "current", "position", "velocity"] = Field(
         "torque",
-        description='what is commanded: "torque" [N*m], "current" [A], or "position" [rad], which the drive then holds',
+        description='what is commanded: "torque" [N*m], "current" [A]; "position" [rad] or "velocity" [rad/s], which '
+        "the drive then holds",
     )
     position_range_rad: float | None = Field(
         None,
@@ -130,5 +136,5 @@ class RobStrideOptions(DeviceOptions):
     @classmethod
     def _can_be_sent(cls, damping_nms_rad: float, info: ValidationInfo) -> float:
         if (usual := protocol.MODELS.get(info.data.get("motor", ""))) is not None:
-            check_greatest(damping_nms_rad, usual.damping_nms_rad, "N*m*s/rad")
+            check_damping(info.data.get("mode"), damping_nms_rad, usual)
         return damping_nms_rad

@@ -10,7 +10,7 @@ from math import nan
 from typing import ClassVar, NamedTuple, Protocol
 
 from norton_drivers.codecs.common import CodecError
-from norton_drivers.codecs.ranges import Ranges
+from norton_drivers.codecs.ranges import GoalCodes, Ranges
 from norton_drivers.drive_base import DriveBase
 from norton_drivers.errors import DeviceError, DeviceTimeoutError
 from norton_drivers.link import Link, wait_until
@@ -95,8 +95,8 @@ class SpokenToDrive(DriveBase):
         """A command of torque alone."""
         raise NotImplementedError
 
-    def _pack_goal(self, position: int, stiffness: int, damping: int, torque: int) -> Addressed:
-        """A command of a position."""
+    def _pack_goal(self, codes: GoalCodes) -> Addressed:
+        """A command of a position or a velocity."""
         raise NotImplementedError
 
     def _send_enable(self) -> None:
@@ -147,8 +147,9 @@ class SpokenToDrive(DriveBase):
         self._enabled, self._status = True, None
 
     def command(self, value: float) -> float:
-        """Command a torque [N m], a current [A], or a position [rad]; returns what is sent: the nearest that can be,
-        or, soon after it was enabled away from zero, where it is led. Raises ConnectionFailedError, DeviceError."""
+        """Command a torque [N m], a current [A], a position [rad] or a velocity [rad/s]; returns what is sent: the
+        nearest that can be, or, soon after it was enabled away from a position of zero, where it is led. Raises
+        ConnectionFailedError, DeviceError."""
         try:
             frame, sent = self._frame(self._direction * value)
         except CodecError as error:
@@ -196,7 +197,7 @@ class SpokenToDrive(DriveBase):
         return self._plain_frame(value)
 
     def _plain_frame(self, value: float) -> tuple[Addressed, float]:
-        """Of a torque [N m], or what else is commanded that is no position."""
+        """Of a torque [N m], or what else is commanded that is no goal."""
         ranges = self._ranges
         if ranges is None:
             raise DeviceError(f"{self._place}: its ranges are not known before it is identified")

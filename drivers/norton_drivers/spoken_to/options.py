@@ -1,4 +1,4 @@
-"""Options that the families have in common: of the range, of the current, and of the drive's own position loop."""
+"""Options that the families have in common: of the range, of the current, and of the drive's own loop."""
 
 from typing import Annotated, Literal, Protocol
 
@@ -33,7 +33,11 @@ Stiffness = Annotated[
 Damping = Annotated[
     float,
     Field(
-        alias="damping", ge=0, description='kd of every command, with mode = "position"', examples=["0.02 N*m*s/rad"]
+        alias="damping",
+        ge=0,
+        validate_default=True,
+        description='kd of every command, with mode = "position" or "velocity"',
+        examples=["0.02 N*m*s/rad"],
     ),
 ]
 GreatestTorque = Annotated[
@@ -41,12 +45,12 @@ GreatestTorque = Annotated[
     Field(
         alias="greatest_torque",
         gt=0,
-        description='the drive\'s own limit (its greatest current), with mode = "position"',
+        description='the drive\'s own limit (its greatest current), with mode = "position" or "velocity"',
         examples=["0.4 N*m"],
     ),
 ]
 LoopPeriod = Annotated[
-    float, Field(alias="loop_period", gt=0, le=1e-3, description="how often the drive works out its position loop")
+    float, Field(alias="loop_period", gt=0, le=1e-3, description="how often the drive works out its loop")
 ]
 VelocityWindow = Annotated[
     float,
@@ -69,7 +73,7 @@ UNITS = {
 
 
 class WithLoop(Protocol):
-    """Options of a drive whose commands may be positions."""
+    """Options of a drive whose commands may be positions or velocities."""
 
     @property
     def mode(self) -> str: ...
@@ -86,11 +90,11 @@ class WithLoop(Protocol):
 
 
 def servo_of(options: WithLoop, ranges: Ranges) -> Servo | None:
-    """The position loop with the gains that a frame can carry; None where positions are not what is commanded."""
-    if options.mode != "position" or options.stiffness_nm_rad is None:
+    """The loop with the gains that a frame can carry; None where no position or velocity is commanded."""
+    if options.mode not in ("position", "velocity"):
         return None
     return Servo(
-        stiffness_nm_rad=ranges.stiffness_of(ranges.stiffness_code(options.stiffness_nm_rad)),
+        stiffness_nm_rad=ranges.stiffness_of(ranges.stiffness_code(options.stiffness_nm_rad or 0.0)),
         damping_nms_rad=ranges.damping_of(ranges.damping_code(options.damping_nms_rad)),
         delay_s=0.5 * options.loop_period_s,  # what is worked out is held for a period
         window_s=options.velocity_window_s,
@@ -99,10 +103,19 @@ def servo_of(options: WithLoop, ranges: Ranges) -> Servo | None:
 
 
 def check_gains(mode: str | None, stiffness_nm_rad: float | None, ranges: Ranges) -> None:
-    """Raises ValueError where a stiffness is needed and missing, or is none that can be sent."""
+    """Raises ValueError where a stiffness is needed and missing, is there in vain, or is none that can be sent."""
+    if mode == "velocity" and stiffness_nm_rad is not None:
+        raise ValueError('mode = "velocity" has none: its gain is damping; leave it out')
     if mode == "position" and ranges.stiffness_code(stiffness_nm_rad or 0.0) == 0:
         raise ValueError(f'mode = "position" needs it, at least {ranges.stiffness_of(1):.2g} N*m/rad')
     check_greatest(stiffness_nm_rad, ranges.stiffness_nm_rad, "N*m/rad")
+
+
+def check_damping(mode: str | None, damping_nms_rad: float, ranges: Ranges) -> None:
+    """Raises ValueError where it is the gain and missing, or is none that can be sent."""
+    if mode == "velocity" and ranges.damping_code(damping_nms_rad) == 0:
+        raise ValueError(f'mode = "velocity" needs it, at least {ranges.damping_of(1):.2g} N*m*s/rad')
+    check_greatest(damping_nms_rad, ranges.damping_nms_rad, "N*m*s/rad")
 
 
 def check_greatest(value: float | None, greatest: float, unit: str) -> None:

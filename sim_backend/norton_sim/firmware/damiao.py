@@ -60,8 +60,8 @@ class DamiaoMotor:
         self._world = context.world
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
-        # The plant's amplifier is told of in amperes per unit of the rig's command: with a servo, a radian of error.
-        self._nm_per_unit = 1.0 if options.servo is None else options.servo.stiffness_nm_rad
+        # The plant's amplifier is told of in amperes per unit of the rig's command: with a servo, one of error.
+        self._nm_per_unit = 1.0 if options.servo is None else options.servo.gain
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._goal = RELEASED
         self._zero_rad = 0.0
@@ -185,7 +185,7 @@ class DamiaoMotor:
             self._let_go(protocol.COMMUNICATION_LOST)
 
     def _hold(self, _stamp_ns: int) -> None:
-        """One cycle of its position loop, from the filtered velocity."""
+        """One cycle of its loop, from the filtered velocity."""
         if self.armed:
             angle_rad = self._plant.encoder_position_rad(self._machine) - self._zero_rad
             self._push(self._goal.held_nm(angle_rad, self._velocity_rad_s))

@@ -5,8 +5,8 @@ timeout), fsm.c (a timeout zeroes the command and leaves the motor enabled; the 
 was stored last, and zeroed only while it is not), can.c (codes that wrap), foc.c (``torque_control``: the position
 loop), position_sensor.c (velocity from two positions); CubeMars, AK Series Actuator Driver Manual V1.0.8 (temperature
 and error at the end of a reply). What its position does beyond its range is the rig's to say. The gains of a command
-are emulated where the rig's commands are positions: at the period and with the window that its options name, from the
-encoder's counts, up to the amplifier's greatest current.
+are emulated where the rig's commands are positions or velocities: at the period and with the window that its options
+name, from the encoder's counts, up to the amplifier's greatest current.
 """
 
 from typing import cast
@@ -20,7 +20,7 @@ from norton_drivers.codecs.ranges import RELEASED, Goal
 from norton_drivers.mit import MitOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
-from norton_sim.firmware.position_loop import PositionLoop
+from norton_sim.firmware.shaft_loop import ShaftLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -41,12 +41,12 @@ class MitMotor:
         self._machine = cast(Machine, context.settings.role)
         self.timeout_s = options.watchdog_s
         servo = options.servo
-        # The plant's amplifier is told of in amperes per unit of the rig's command: there, a radian of error.
-        self._nm_per_unit = 1.0 if servo is None else servo.stiffness_nm_rad
+        # The plant's amplifier is told of in amperes per unit of the rig's command: there, one of error.
+        self._nm_per_unit = 1.0 if servo is None else servo.gain
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._armed = False
         self._zero_rad = 0.0
-        self._loops = servo is not None  # whether it works out a position loop
+        self._loops = servo is not None  # whether it works out a loop
         self._goal = RELEASED
         self._commanded_ns = context.world.now_ns
         self._frozen: tuple[float, float] | None = None
@@ -54,7 +54,7 @@ class MitMotor:
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
+            ShaftLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:

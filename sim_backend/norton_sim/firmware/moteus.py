@@ -18,7 +18,7 @@ from norton_drivers.moteus import MoteusOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating, Watchdog
 from norton_sim.firmware.multiplex_server import NOT_WRITABLE, UNKNOWN, WRONG_VALUE, RegisterServer
-from norton_sim.firmware.position_loop import PositionLoop
+from norton_sim.firmware.shaft_loop import ShaftLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -58,8 +58,8 @@ class MoteusBoard(RegisterServer):
         self._plant = context.world.plant
         self._machine = cast(Machine, context.settings.role)
         servo = options.servo
-        # The plant's amplifier is told of in amperes per unit of the rig's command: there, a radian of error.
-        self._nm_per_unit = 1.0 if servo is None else servo.stiffness_nm_rad
+        # The plant's amplifier is told of in amperes per unit of the rig's command: there, one of error.
+        self._nm_per_unit = 1.0 if servo is None else servo.gain
         self._amperes_per_nm = context.truth.driven(self._machine).amplifier_gain / self._nm_per_unit
         self._gains = (0.0, 0.0) if servo is None else (servo.stiffness_nm_rad, servo.damping_nms_rad)
         self._loops = servo is not None
@@ -72,7 +72,7 @@ class MoteusBoard(RegisterServer):
         super().__init__(context.can_connector(), options.node, options.prefix)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
+            ShaftLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:
@@ -177,7 +177,7 @@ class MoteusBoard(RegisterServer):
     # ---- what it does by itself ----
 
     def _hold(self, position_rad: float, velocity_rad_s: float) -> None:
-        """One cycle of its position loop; after a timeout, of a loop that only damps."""
+        """One cycle of its loop; after a timeout, of a loop that only damps."""
         stiffness, damping = self._gains
         command, place_rad = self._command, position_rad - tau * self._zero_turns
         damped_nm = damping * command[Register.KD_SCALE] * (tau * command[Register.COMMAND_VELOCITY] - velocity_rad_s)

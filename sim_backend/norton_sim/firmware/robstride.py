@@ -19,7 +19,7 @@ from norton_drivers.codecs.robstride import Feedback, Kind, Mode, Parameter
 from norton_drivers.robstride.options import RobStrideOptions
 from norton_drivers.wiring import parse_options
 from norton_sim.firmware.context import DeviceContext, DriveFault, Heating
-from norton_sim.firmware.position_loop import PositionLoop
+from norton_sim.firmware.shaft_loop import ShaftLoop
 from norton_sim.plant import Machine
 
 LOOK_PERIOD_NS = 1_000_000
@@ -57,7 +57,7 @@ class RobStrideMotor:
         truth = context.truth.driven(self._machine)
         servo = options.servo
         # The plant's amplifier is told of in amperes per unit of the rig's command.
-        self._nm_per_unit = 1.0 if servo is None else servo.stiffness_nm_rad
+        self._nm_per_unit = 1.0 if servo is None else servo.gain
         constant_nm_a = options.torque_constant_nm_a or truth.torque_constant_nm_a
         in_amperes = options.mode == "current"
         self._amperes_per_nm = 1 / constant_nm_a if in_amperes else truth.amplifier_gain / self._nm_per_unit
@@ -66,12 +66,12 @@ class RobStrideMotor:
         self._heard_ns = context.world.now_ns
         self._host = options.host
         self._frozen: tuple[float, float] | None = None
-        self._loops = servo is not None  # whether it works out a position loop
+        self._loops = servo is not None  # whether it works out a loop
         self._connector = context.can_connector()
         self._connector.on_frame(self._receive)
         context.cyclic(LOOK_PERIOD_NS, self._look)
         if servo is not None:
-            PositionLoop(context, self._machine, servo, options.loop_period_s, self._hold)
+            ShaftLoop(context, self._machine, servo, options.loop_period_s, self._hold)
 
     @property
     def armed(self) -> bool:
@@ -173,7 +173,7 @@ class RobStrideMotor:
     # ---- what it does by itself ----
 
     def _hold(self, position_rad: float, velocity_rad_s: float) -> None:
-        """One cycle of its position loop."""
+        """One cycle of its loop."""
         if self.armed:
             torque_nm = self._goal.held_nm(position_rad - self._zero_rad, velocity_rad_s)
             self._plant.command(self._machine, torque_nm / self._nm_per_unit)

@@ -25,7 +25,7 @@ GOAL = 0.3 * np.sin(2 * np.pi * 0.7 * TIME_S) + 0.1 * np.sin(2 * np.pi * 3.0 * T
 
 def by_scipy(network: NortonNetwork, goal: np.ndarray) -> np.ndarray:
     """The free motion with a loop that acts at once, by Radau's method."""
-    limit, lead_s = network.torque_limit_nm / network.torque_gain, network.servo.lead_s
+    limit, lead_s = network.torque_limit_nm / network.torque_gain, network.servo.of_velocity
     sigma_0, sigma_1, tau_c = 10.0, 0.01, 0.02
 
     def rate(_t: float, y: np.ndarray, asked: float) -> list[float]:
@@ -82,7 +82,12 @@ def test_its_file_is_read_back(tmp_path):
     assert json.loads((tmp_path / "servo.json").read_text())["servo"]["delay"] == {"value": 62.5e-6, "unit": "s"}
 
 
-@pytest.mark.parametrize("broken", [{}, {"stiffness": {"value": 0}}, 7, {"stiffness": {"value": "soft"}}])
+WITHOUT_GAIN = {key: {"value": 0} for key in ("stiffness", "damping", "delay")} | {"window": {"value": 1e-3}}
+
+
+@pytest.mark.parametrize(
+    "broken", [{}, WITHOUT_GAIN, {"stiffness": {"value": -1}}, 7, {"stiffness": {"value": "soft"}}]
+)
 def test_a_broken_servo_is_told_in_a_sentence(tmp_path, broken):
     NETWORK.save(tmp_path / "servo.json")
     content = json.loads((tmp_path / "servo.json").read_text())

@@ -15,9 +15,10 @@ from norton_bench.identification.expansion import KNOWN, Linearised, information
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates
 from norton_bench.procedures.refinement import Option, select
-from norton_bench.procedures.waves import multisine
+from norton_bench.procedures.waves import multisine, sine_motion
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
+from norton_drivers.servo import Servo
 
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, command_unit="N*m")
@@ -133,10 +134,18 @@ def test_what_is_widest_is_what_the_choice_excites(wide: str, suits: str) -> Non
 def test_a_held_shaft_swings_as_the_two_inertias_do() -> None:
     frequency_hz = 80.0
     command = 0.1 * np.sin(2 * np.pi * frequency_hz * np.arange(1000) * RIG.tick_s)
-    swing = PlanBounds(RIG, NETWORK, LOAD, inf).swing_rad_s(command)[500:]
+    swing = PlanBounds(RIG, NETWORK, LOAD, inf).swing_rad_s(command, sine_motion(0.1, 1.0, 1, RIG.tick_s))[500:]
     omega = 2 * np.pi * frequency_hz
     free = 0.9 * 0.1 / np.hypot(1, omega / 600.0) / (omega * (5e-5 + 1.2e-4))
     assert np.max(np.abs(swing)) == pytest.approx(free, rel=0.1)
+
+
+def test_a_velocity_that_the_shaft_has_swings_nothing() -> None:
+    motion = sine_motion(0.1, 4.0, 4, RIG.tick_s)
+    looped = replace(NETWORK, servo=Servo(0.0, NETWORK.torque_gain))
+    bounds = PlanBounds(RIG, looped, LOAD, inf)
+    assert not bounds.swing_rad_s(motion.velocity_rad_s, motion).any()
+    assert bounds.swing_rad_s(motion.velocity_rad_s + 1.0, motion)[-1] > 1.0
 
 
 def test_clipping_makes_a_multisine_flat() -> None:

@@ -12,6 +12,7 @@ from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import NetworkTerm
 from norton_bench.report.render import DIGITS, derived_facts, model_of, render, row, write_report
 from norton_bench.result import Result
+from norton_drivers.servo import Servo
 from tests.bench.report.test_words import read_back
 
 SECTIONS = [
@@ -254,6 +255,28 @@ def test_without_torque_the_scale_is_said_to_be_open(full: Result) -> None:
     assert "one common factor" in model.remark
     assert ("τm", "torque of the motor [A]") in model.variables
     assert model_of(full.fit, "N*m").remark == ""
+
+
+@pytest.mark.parametrize(
+    ("servo", "amplifier", "source", "symbols"),
+    [
+        (
+            Servo(0.0, 0.9, 1e-4, 4e-4),
+            "600.0·(0.9000·(c − ω) − τm)",
+            "ωN = (0.9000·c ∓ 0.02000) / (0.001000 + 0.9000)",
+            ["ωN"],
+        ),
+        (Servo(0.9, 0.01), "600.0·(0.9000·(c − θ − T·ω) − τm)", "θN = c ± 0.02000 / 0.9000", ["θ", "T", "θN"]),
+    ],
+)
+def test_a_servos_equations_have_its_loop_and_no_figures_of_a_motor(full, servo, amplifier, source, symbols) -> None:
+    assert full.fit is not None
+    fit = replace(full.fit, network=replace(full.fit.network, servo=servo))
+    model = model_of(fit, "rad/s")
+    assert model.lines[0].values == f"dτm/dt = {amplifier}"
+    assert model.lines[3].values == source
+    assert [symbol for symbol, _ in model.variables[-len(symbols) :]] == symbols
+    assert derived_facts(fit) is None
 
 
 DRAWS, SEED = 200_000, 5

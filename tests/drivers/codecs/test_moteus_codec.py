@@ -163,6 +163,23 @@ def test_a_goal_is_what_the_makers_package_would_send(position_turns):
     assert parse_registers(data).command == pytest.approx(parse_registers(made.data).command, rel=1e-6)
 
 
+@given(st.floats(-1e3, 1e3, width=32))
+def test_a_velocity_is_what_the_makers_package_would_send(velocity_turns_s):
+    data, sent = protocol.velocity_command(0.3).frame(velocity_turns_s)
+    made = CONTROLLER.make_position(
+        position=math.nan,
+        velocity=velocity_turns_s,
+        kp_scale=0.0,
+        watchdog_timeout=0.3,
+        ilimit_scale=0.0,
+        velocity_limit=-1.0,
+        accel_limit=-1.0,
+    )
+    assert sent == velocity_turns_s
+    expected = parse_registers(made.data).command
+    assert parse_registers(data).command == pytest.approx(expected, rel=1e-6, nan_ok=True)
+
+
 def test_every_question_is_what_the_makers_package_would_ask():
     wanted = moteus.QueryResolution()
     wanted.q_current = moteus.F32
@@ -176,7 +193,7 @@ def test_every_question_is_what_the_makers_package_would_ask():
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e39])
 def test_what_is_no_number_is_not_sent(value):
-    for form in (protocol.torque_command(0.1), protocol.position_command(0.1)):
+    for form in (protocol.torque_command(0.1), protocol.position_command(0.1), protocol.velocity_command(0.1)):
         with pytest.raises(CodecError, match="not a finite number"):
             form.frame(value)
 

@@ -1,7 +1,9 @@
 """RobStride's frames against four packages that drive such motors, and against the manual's example."""
 
 import math
+import struct
 from contextlib import redirect_stdout, suppress
+from functools import partial
 from io import StringIO
 from types import SimpleNamespace
 
@@ -18,7 +20,10 @@ from robstride_dynamics import table as their_table
 
 from norton_drivers.codecs import robstride
 from norton_drivers.codecs.common import CodecError
+from norton_drivers.codecs.ranges import GoalCodes
 from norton_drivers.codecs.robstride import MODELS, Feedback, Kind, Mode, Parameter
+from norton_drivers.servo import Servo
+from norton_drivers.spoken_to.goals import Goals
 
 CODES, NODES, HOSTS = st.integers(0, 65535), st.integers(1, 127), st.integers(0, 255)
 MOTOR = st.sampled_from(sorted(MODELS))
@@ -58,17 +63,19 @@ def test_a_torque_as_a_cybergears_host_packs_it(node, torque_nm):
 
 
 @given(NODES, st.sampled_from(("rs-01", "rs-04")), st.floats(-1, 1), st.floats(0, 1), st.floats(0, 1))
-def test_a_goal_as_another_third_party_packs_it(node, model, share, kp, kd):
+def test_a_position_as_another_third_party_packs_it(node, model, share, kp, kd):
     """The tables agree for these; it spreads positions and torques over 65534 codes, we over 65535."""
     ranges = MODELS[model.replace("-", "")]
     bus, sent = dynamics_bus(model, node)
     position_rad = share * ranges.position_rad
     bus.write_operation_frame("m", position_rad, kp * ranges.stiffness_nm_rad, kd * ranges.damping_nms_rad)
     bus.channel_handler = None
-    identifier, data = robstride.goal_value(
-        node, ranges.goal_code(position_rad), ranges.stiffness_code(kp * ranges.stiffness_nm_rad),
-        ranges.damping_code(kd * ranges.damping_nms_rad), ranges.command_code(0.0)
-    )  # fmt: skip
+    stiffness, damping = (
+        ranges.stiffness_code(kp * ranges.stiffness_nm_rad),
+        ranges.damping_code(kd * ranges.damping_nms_rad),
+    )
+    codes = GoalCodes(ranges.goal_code(position_rad), ranges.slowest_code, stiffness, damping, ranges.command_code(0.0))
+    identifier, data = robstride.goal_value(node, codes)
     kind, extra, target = robstride.split_id(sent[-1].arbitration_id)
     assert (kind, target) == (Kind.CONTROL, node)
     assert robstride.split_id(identifier)[0::2] == (kind, target)
@@ -78,6 +85,23 @@ def test_a_goal_as_another_third_party_packs_it(node, model, share, kp, kd):
              ranges.damping_nms_rad / 65535, 2 * ranges.torque_step_nm)  # fmt: skip
     for our, their, step in zip(ours, theirs, steps, strict=True):
         assert abs(our - their) <= step * (1 + 1e-6)
+
+
+@given(NODES, st.sampled_from(("rs-01", "rs-04")), st.floats(-1, 1), st.floats(0.01, 1))
+def test_a_velocity_as_another_third_party_packs_it(node, model, share, kd):
+    ranges = MODELS[model.replace("-", "")]
+    bus, sent = dynamics_bus(model, node)
+    servo = Servo(0.0, kd * ranges.damping_nms_rad)
+    bus.write_operation_frame("m", 0.0, 0.0, servo.gain, share * ranges.velocity_rad_s)
+    bus.channel_handler = None
+    (_, data), sent_rad_s = Goals(ranges, servo, partial(robstride.goal_value, node)).frame(
+        share * ranges.velocity_rad_s, 0
+    )
+    their = robstride.goal_of(robstride.split_id(sent[-1].arbitration_id)[1], sent[-1].data, ranges)
+    assert struct.unpack(">HHHH", data)[2] == 0
+    assert their.stiffness_nm_rad == 0.0
+    torque_rad_s = ranges.torque_step_nm / servo.gain  # of none: half a step above, or below
+    assert sent_rad_s == pytest.approx(their.velocity_rad_s, abs=2 * ranges.velocity_step_rad_s + torque_rad_s)
 
 
 def test_types_and_parameters_are_those_that_third_parties_name():

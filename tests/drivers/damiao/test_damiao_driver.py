@@ -219,6 +219,17 @@ def test_goals_are_positions_with_gains(motor, open_motor):
     assert (number >> 24 & 0xFFF, number >> 12 & 0xFFF) == (round(20 / 500 * 4095), round(0.5 / 5 * 4095))
 
 
+def test_goals_are_velocities_with_a_gain(motor, open_motor):
+    motor.registers[32] = 500.0
+    drive = open_motor(mode="velocity", damping=0.5, velocity_bandwidth=500.0)
+    assert drive.command_unit == "rad/s"
+    drive.enable()
+    sent_rad_s = drive.command(5.0)
+    number = int.from_bytes(motor.frames[-1][1], "big")
+    assert (number >> 24 & 0xFFF, number >> 12 & 0xFFF) == (0, round(0.5 / 5 * 4095))
+    assert (number >> 36 & 0xFFF) * 2 * V / 4095 - V == pytest.approx(sent_rad_s, abs=0.5 * 2 * T / 4095 / 0.5)
+
+
 def test_the_lag_of_its_velocity_is_that_of_two_positions_and_of_its_holding():
     stiff = {
         "node": 1,
@@ -238,6 +249,7 @@ def test_the_lag_of_its_velocity_is_that_of_two_positions_and_of_its_holding():
         ({"master": NODE}, r"master = 5: is the motor's own id"),
         ({"mode": "position"}, r'stiffness = None: mode = "position" needs it, at least 0.12'),
         ({"mode": "position", "stiffness": 501.0}, r"stiffness = 501.0: a frame carries no more than 500"),
+        ({"mode": "velocity"}, r'damping = 0.0: mode = "velocity" needs it, at least 0.0012'),
         ({"damping": 6.0}, r"damping = 6.0: a frame carries no more than 5"),
         ({"damping": 0.5, "velocity_bandwidth": 40.0}, r'damping = 0.5: needs velocity_bandwidth = "500 Hz"'),
         ({"watchdog": 0.01}, r"watchdog = 0.01: shorter than a computer"),

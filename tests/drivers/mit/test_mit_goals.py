@@ -37,8 +37,9 @@ def test_gains_are_those_that_a_frame_can_hold():
     assert servo is not None
     assert servo.stiffness_nm_rad == 16 * 500 / 4095  # the nearest of 4095 steps to 2 N m/rad
     assert servo.damping_nms_rad == 18 * 5 / 4095
-    assert servo.lead_s == pytest.approx(servo.damping_nms_rad / servo.stiffness_nm_rad)
-    assert servo.greatest_rad == pytest.approx(0.44 / servo.stiffness_nm_rad)
+    assert (servo.of_angle, servo.gain) == (1.0, servo.stiffness_nm_rad)
+    assert servo.of_velocity == pytest.approx(servo.damping_nms_rad / servo.stiffness_nm_rad)
+    assert servo.greatest_error == pytest.approx(0.44 / servo.stiffness_nm_rad)
     assert servo.delay_s == 12.5e-6  # 40 kHz, held for a period
     assert servo.window_s == 475e-6  # nineteen of them
 

@@ -128,6 +128,8 @@ def test_a_bus_without_can_fd_is_refused(world, device):
         ({"node": 0}, "node = 0"),
         ({"node": 1, "watchdog": 0.001}, "at least 20 ms"),
         ({"node": 1, "mode": "position"}, 'mode = "position" needs it'),
+        ({"node": 1, "mode": "velocity"}, 'damping = 0.0: mode = "velocity" needs it'),
+        ({"node": 1, "mode": "velocity", "damping": 0.1, "stiffness": 1.0}, 'mode = "velocity" has none'),
         ({"node": 1, "prefix": 0x2000}, "prefix = 8192"),
     ],
 )

@@ -253,6 +253,7 @@ def test_one_that_does_not_take_its_mode(motor, open_motor):
         ({"motor": "rs07"}, r"motor = 'rs07'"),
         ({"host": NODE}, r"host = 9: is the motor's own"),
         ({"mode": "position"}, r'stiffness = None: mode = "position" needs it, at least 0.0076'),
+        ({"mode": "velocity"}, r'damping = 0.0: mode = "velocity" needs it, at least 7.6e-05'),
         ({"damping": 6.0}, r"damping = 6.0: a frame carries no more than 5"),
         ({"watchdog": 0.01}, r"watchdog = 0.01: shorter than a computer"),
     ],

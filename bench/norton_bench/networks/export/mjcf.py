@@ -43,10 +43,19 @@ NO_BACK_EMF = 'motorconst="1e-9" resistance="1e9" input="none"'
 
 
 @dataclass(frozen=True)
+class _Loop:
+    """A servo's: its ``damping``, and its ``greatest`` torque, 0 where nobody knows."""
+
+    holds_position: bool
+    damping: float
+    greatest: float
+
+
+@dataclass(frozen=True)
 class _Joint:
     """What MJCF can say of an actuator; ``lag_s`` of zero is no lag.
 
-    ``loop`` is a servo's damping and its greatest torque, 0 where nobody knows; the gain is then its stiffness.
+    With ``loop`` it is a servo, and the gain that of its error.
     ``drag`` is in N m s²/rad². ``contact`` are dcmotor's ``lugre``: σ0, σ1, sliding friction, friction at rest, and
     Stribeck's velocity. ``waves`` are rows of periods a turn and the torques that go with cosine and sine.
     """
@@ -61,7 +70,7 @@ class _Joint:
     contact: tuple[float, ...] = ()
     waves: tuple[tuple[float, ...], ...] = ()
     timestep_s: float = TIMESTEP_S
-    loop: tuple[float, float] | None = None
+    loop: _Loop | None = None
 
 
 def export_mjcf(network: Network, name: str, *, dcmotor: bool = False) -> ExportedModel:
@@ -107,12 +116,12 @@ def _motor(network: NortonNetwork) -> tuple[_Joint, tuple[str, ...]]:
 def _servo(network: NortonNetwork, servo: Servo) -> tuple[_Joint, tuple[str, ...]]:
     slow = slow_servo(network, servo)
     joint = _Joint(
-        slow.stiffness,
+        slow.gain,
         1.0 / network.amplifier_bandwidth_rad_s,
         slow.inertia,
         network.viscous_damping_nms_rad,
         friction=network.coulomb_torque_nm,
-        loop=(slow.damping, network.torque_limit_nm or 0.0),
+        loop=_Loop(servo.holds_position, slow.damping, network.torque_limit_nm or 0.0),
     )
     sentence = (
         f"The servo's loop acts at once here: kv = {slow.damping:.4g} N m s/rad and an inertia of {slow.inertia:.4g} "
@@ -203,12 +212,20 @@ def _model(joint: _Joint, name: str, left_out: tuple[str, ...]) -> str:
 
 def _actuator(joint: _Joint) -> str:
     if joint.loop is not None:
-        damping, most = joint.loop
-        limit = f' forcerange="{-most!r} {most!r}"' if most else ""
-        gains = f'kp="{joint.gain!r}" kv="{damping!r}" timeconst="{joint.lag_s!r}"'
-        return f'    <position name="command" joint="port" {gains}{limit}/>'
+        return _servo_actuator(joint, joint.loop)
     dynamics = f' dyntype="filterexact" dynprm="{joint.lag_s!r}"' if joint.lag_s else ""
     return f'    <general name="command" joint="port" gainprm="{joint.gain!r}"{dynamics}/>'
+
+
+def _servo_actuator(joint: _Joint, loop: _Loop) -> str:
+    """MuJoCo's ``position``, or its ``velocity`` written out, whose control has no lag there."""
+    limit = f' forcerange="{-loop.greatest!r} {loop.greatest!r}"' if loop.greatest else ""
+    if loop.holds_position:
+        gains = f'kp="{joint.gain!r}" kv="{loop.damping!r}" timeconst="{joint.lag_s!r}"'
+        return f'    <position name="command" joint="port" {gains}{limit}/>'
+    lag = f'dyntype="filterexact" dynprm="{joint.lag_s!r}"'
+    gains = f'gainprm="{joint.gain!r}" biastype="affine" biasprm="0 0 {-loop.damping!r}"'
+    return f'    <general name="command" joint="port" {lag} {gains}{limit}/>'
 
 
 def _springs(joint: _Joint) -> str:

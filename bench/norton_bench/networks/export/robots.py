@@ -40,7 +40,7 @@ WIDTH = 120
 
 def export_urdf(network: Network, name: str) -> ExportedModel:
     """A link with the rotor's inertia on a continuous joint. Raises UsageError for what is no identified motor."""
-    motor = _identified(network, "URDF's joint")
+    motor = _of_effort(network, "URDF's joint")
     left_out = _left_out(motor)
     inertia = motor.inertia_kgm2
     lines = [
@@ -70,7 +70,7 @@ def export_urdf(network: Network, name: str) -> ExportedModel:
 
 def export_isaac_lab(network: Network, name: str) -> ExportedModel:
     """A Python file with one actuator configuration. Raises UsageError for what is no identified motor."""
-    motor = _identified(network, "Isaac Lab's actuator")
+    motor = _of_effort(network, "Isaac Lab's actuator")
     left_out = _left_out(motor)
     more_at_rest_nm = sum(term.values[0] for term in motor.terms if term.name == "stribeck")
     if more_at_rest_nm:
@@ -145,6 +145,14 @@ def _identified(network: Network, target: str) -> NortonNetwork:
     if "scale" in network.provenance:
         raise UsageError(f"{target} needs a scale, and this network holds only ratios; measure torque, too")
     return network
+
+
+def _of_effort(network: Network, target: str) -> NortonNetwork:
+    """One that takes a torque for its command, so that its loop needs no words."""
+    motor = _identified(network, target)
+    if motor.servo is not None:
+        raise UsageError(f"{target} as it is written here takes an effort, and a servo none; export it --to mujoco")
+    return motor
 
 
 def _left_out(motor: NortonNetwork) -> tuple[str, ...]:

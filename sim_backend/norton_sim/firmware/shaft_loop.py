@@ -1,4 +1,4 @@
-"""The position loop in a drive: run at its own period, with the velocity from two positions."""
+"""A drive's loop around the shaft: run at its own period, with the velocity from two positions."""
 
 from collections import deque
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from norton_sim.plant import Machine, Plant
 Cycle = Callable[[float, float], None]
 
 
-class PositionLoop:
+class ShaftLoop:
     """Calls ``cycle(position_rad, velocity_rad_s)`` every ``period_s``, from the encoder's counts as they are; the
     velocity is that of positions as far apart as the servo's window."""
 

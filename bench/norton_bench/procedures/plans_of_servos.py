@@ -1,0 +1,49 @@
+"""What is imposed on a servo, by what its command is."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from norton_bench.arrays import FloatArray
+from norton_bench.procedures import servo_plans, velocity_plans
+from norton_bench.procedures.excitations import Sized
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.waves import Motion
+from norton_bench.rig.rig import Rig
+
+LIMIT_STRETCH = "limit"
+Loops = tuple[tuple[float, float, int], ...]
+
+
+@dataclass(frozen=True)
+class ServoPlans:
+    """Stretches of command and motion, each with its name; load torque and command to shake with; a stretch beyond the
+    limit; how many shakes; and how long all that takes but for the loops."""
+
+    stretches: Callable[[Knowledge, float, int, Loops], Iterator[tuple[str, Sized]]]
+    shaken: Callable[[Knowledge, float, int], tuple[FloatArray, FloatArray]]
+    limit: Callable[[Knowledge], tuple[FloatArray, Motion] | None]
+    shakes: int
+    imposed_s: Callable[[float], float]
+
+
+_OF_POSITION = ServoPlans(
+    servo_plans.imposed_stretches,
+    servo_plans.shaken,
+    servo_plans.limit_stretch,
+    servo_plans.SHAKES,
+    servo_plans.servo_imposed_s,
+)
+_OF_VELOCITY = ServoPlans(
+    velocity_plans.imposed_stretches,
+    velocity_plans.shaken,
+    velocity_plans.limit_stretch,
+    velocity_plans.SHAKES,
+    velocity_plans.imposed_s,
+)
+
+
+def plans_for(rig: Rig) -> ServoPlans | None:
+    """None for a motor."""
+    if rig.servo is None:
+        return None
+    return _OF_POSITION if rig.servo.holds_position else _OF_VELOCITY
