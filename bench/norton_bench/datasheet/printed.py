@@ -8,7 +8,8 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from matplotlib.textpath import TextPath
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import text_to_path
 
 from norton_bench.datasheet.data import Content, content_of
 from norton_bench.datasheet.pictures import Picture, drawings
@@ -166,7 +167,10 @@ def _width_in(text: str, size_pt: float = SMALL_PT) -> float:
     """As matplotlib's own font is wide."""
     if not text.strip():
         return 0.0
-    return float(TextPath((0.0, 0.0), text, size=size_pt).get_extents().width) / 72
+    width_pt, _height_pt, _descent_pt = text_to_path.get_text_width_height_descent(
+        text, FontProperties(size=size_pt), ismath=False
+    )
+    return float(width_pt) / 72
 
 
 def _height_in(picture: Picture) -> float:

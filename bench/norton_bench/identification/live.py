@@ -152,8 +152,9 @@ class _Record:
             follower.predict(Q=np.diag(walks**2 * step_s))
             if z.size:
                 follower.update(z, R=np.eye(z.size), H=root)
-                likelihood += float(follower.log_likelihood)
-                surprises.append(float(follower.y @ np.linalg.solve(follower.S, follower.y)) / z.size)
+                surprise = float(follower.y @ np.linalg.solve(follower.S, follower.y))
+                likelihood -= 0.5 * (surprise + float(np.linalg.slogdet(2 * np.pi * follower.S)[1]))
+                surprises.append(surprise / z.size)
         return _End(follower.x, follower.P, likelihood, float(np.median(surprises)))
 
 
@@ -222,7 +223,7 @@ class LiveIdentifier:
 
     def update(self, part: Measured) -> LiveEstimate:
         """Learn from the next part: of segments meant for LEARNT_FROM alone."""
-        part = cleaning.clean_part(part)
+        part = cleaning.clean_part(part.without_frames())
         if self._went_back(part):
             self._begin_anew()
         self._parts.append(part)

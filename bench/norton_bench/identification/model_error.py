@@ -192,6 +192,8 @@ def _usual(result: FitResult, simulation: Simulation) -> _Usual:
 
 def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
     """What is kept for validation; nothing where the session has no such step."""
+    if all(segment.use is not Use.VALIDATE for segment in measured.segments):
+        return ()
     try:
         return signals(measured, tick_s, Use.VALIDATE)
     except ExperimentError:

@@ -1,16 +1,12 @@
 """A motor behind a joint, from the recording: what asks for the joint, what is found, and the slopes of the fit."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
-from norton_bench.identification import judged_fit
-from norton_bench.identification.bootstrap import Readings
-from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
-from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged, objection
+from norton_bench.identification.judged_fit import JudgedFit, asked_for, objection
 from norton_bench.identification.model_error import expanded, model_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.shape import GAIN
@@ -19,20 +15,17 @@ from norton_bench.models.parameters import Status
 from norton_bench.models.terms import NetworkTerm
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
+from tests.bench.identification.few_draws import judged_with_few_draws
 from tests.bench.identification.synthetic import TICK_S, Departs
 
-# Records simulated for the deviations, and deviations that chance passes once in 400 runs of ten numbers.
-DRAWS, FAR = 4, 3.7
+# Deviations that chance passes once in 400 runs of ten numbers.
+FAR = 3.7
 BENCH = synthetic.Bench(departs=Departs(joint_stiffness=10.0, joint_damping=4e-3, output_inertia=1e-5))
 
 
 @pytest.fixture(scope="module")
 def told():
-    """As a session concludes it, with few simulated records."""
-    measured = synthetic.experiment(seed=5, bench=BENCH)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(judged_fit, "Readings", partial(Readings, draws=DRAWS))
-        return fit_judged(clean(measured), command_unit="N*m", tick_s=TICK_S)
+    return judged_with_few_draws(synthetic.experiment(seed=5, bench=BENCH, blocked=False, multisine_s=10.0))
 
 
 def test_a_joint_is_asked_for_by_the_residual_and_leaves_noise(told):

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.fit import PHYSICAL
-from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, possible
+from norton_bench.identification.judged_fit import beyond_bounds, possible
 from norton_bench.identification.model_error import expanded, judged, model_error
 from norton_bench.identification.prediction_error import LEVEL, bound, prediction_error
 from norton_bench.identification.sanity_checks import FailedCheck
@@ -17,6 +16,7 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
+from tests.bench.identification.few_draws import judged_with_few_draws
 from tests.bench.identification.synthetic import TICK_S
 
 
@@ -74,7 +74,7 @@ def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(experiment):
     """On a serial line: the wait differs from pause to pause, by up to a tick."""
     torque = experiment.torque.copy()
     torque["arrival_ns"] = synthetic.looked_at(torque["arrival_ns"], np.random.default_rng(1))
-    found = fit_judged(clean(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S)
+    found = judged_with_few_draws(replace(experiment, torque=torque))
     assert found.error.departures == ()
     assert all(each.status is Status.VALID for each in found.result.estimates), found.result.verdict
 
@@ -183,7 +183,7 @@ def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
     velocity = np.gradient(experiment.motion["position_rad"], stamps * 1e-9)
     speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
     torque["torque_nm"] -= 2e-3 * (speed > 0.5)
-    told = fit_judged(clean(replace(experiment, torque=torque)), command_unit="N*m", tick_s=TICK_S).result
+    told = judged_with_few_draws(replace(experiment, torque=torque)).result
     assert "friction differs between the two directions" in " ".join(told.verdict)
     assert told.estimate("coulomb_asymmetry").value == pytest.approx(0.1, abs=0.01)
     # The mean of both ways is what it was.

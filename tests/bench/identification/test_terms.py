@@ -1,6 +1,7 @@
 """The terms of a composed network: slopes, values found on a bench that shares nothing with the fit, and selection."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,13 +11,14 @@ from norton_bench.identification.cleaning import clean
 from norton_bench.identification.departures import STRIBECK
 from norton_bench.identification.expansion import Linearised
 from norton_bench.identification.fit import fit_signals, fit_with_terms
-from norton_bench.identification.judged_fit import JudgedFit, asked_for, fit_judged, objection
+from norton_bench.identification.judged_fit import JudgedFit, asked_for, objection
 from norton_bench.identification.shape import MOTION_DELAY
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
 from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
+from tests.bench.identification.few_draws import DRAWS, judged_with_few_draws
 from tests.bench.identification.synthetic import TICK_S, Departs
 
 # What departs, the term for it with where the search begins, and the true values of its parameters.
@@ -36,12 +38,11 @@ CASES = {
     "gain_drift": (Departs(gain_drift=-5e-4), NetworkTerm("gain_drift", (0.0, 0.0)), None),
     "friction_drift": (Departs(friction_drift=2e-3), NetworkTerm("friction_drift", (0.0, 0.0)), None),
 }
-# Records simulated for the deviations: with so few, Student's distribution makes them wide.
-DRAWS = 4
 # Deviations: of some 90 numbers that are asked here, chance passes it once in 50 runs of all of them.
 FAR = 3.7
 
 
+@cache
 def fitted(name):
     """The fit with the term, and where it began."""
     departs, term, _ = CASES[name]
@@ -103,7 +104,7 @@ def test_slopes_are_those_of_the_prediction(name):
 def test_a_departure_asks_for_its_term_and_gets_it():
     """From the recording to the verdict, by evidence alone."""
     measured = synthetic.experiment(seed=4, bench=synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
-    told = fit_judged(clean(measured), command_unit="N*m", tick_s=TICK_S)
+    told = judged_with_few_draws(measured)
     assert [each.name for each in told.result.network.relative_terms] == ["stribeck"]
     assert {each.status for each in told.result.estimates} == {Status.VALID}
     assert "friction in slow sliding differs" in told.result.verdict[0]

@@ -50,9 +50,6 @@ amplitude = "40 %"
 velocities = ["-15 rad/s", "15 rad/s"]
 commands = 2
 duration = "2 s"
-[[step]]
-do = "validate"
-duration = "1 s"
 """
 GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
 GREATEST_ERROR_ELSE = 0.03
@@ -112,8 +109,6 @@ def test_the_actuator_is_found_in_wall_time(folder: Path) -> None:
         allowed = max(4 * estimate["std"], GREATEST_ERROR.get(name, GREATEST_ERROR_ELSE) * true)
         assert (estimate["status"], estimate["unit"]) == ("valid", unit)
         assert 0 < abs(estimate["value"] - true) < allowed, name
-    assert 0 < found["validation"]["torque_relative"] < 0.15
-    assert 0 < found["validation"]["velocity_relative"] < 0.15
     assert_recorded_in_wall_time(folder / "out" / "sim-odrive.mcap")
 
 
@@ -122,7 +117,7 @@ def assert_recorded_in_wall_time(path: Path) -> None:
     recording = read_recording(path, raw_frames=False)
     ticks = recording.measured.ticks
     assert recording.complete
-    assert len(ticks) > 20_000
+    assert len(ticks) > 12_000
     assert np.min(ticks["lateness_ns"]) >= 0
     assert np.median(ticks["lateness_ns"]) < 0.5e6
     for segment in recording.measured.segments:
@@ -137,7 +132,7 @@ def assert_recorded_in_wall_time(path: Path) -> None:
 def test_an_interrupt_at_the_terminal_ends_every_process_without_a_word_too_many(folder: Path) -> None:
     with bench(folder, "stopped") as process:
         assert process.stderr is not None
-        while not process.stderr.readline().startswith("[1/5] tare"):
+        while not process.stderr.readline().startswith("[1/4] tare"):
             assert process.poll() is None
         time.sleep(1.5)
         os.killpg(process.pid, signal.SIGINT)

@@ -78,7 +78,7 @@ def at(history, measured, time_s):
     ],
 )
 def test_data_that_say_nothing_of_a_parameter_neither_move_nor_sharpen_it(kind, excited_s, untold):
-    measured = exciting_then(kind, excited_s, 30.0)
+    measured = exciting_then(kind, excited_s, 20.0)
     history = feed(LiveIdentifier("N*m", TICK_S), measured)
     # The first fit that has seen all of what tells something, and the last one.
     before, after = at(history, measured, excited_s + LATEST_S), at(history, measured, np.inf)
@@ -92,7 +92,7 @@ def test_data_that_say_nothing_of_a_parameter_neither_move_nor_sharpen_it(kind, 
 
 
 def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
-    measured = exciting_then("one speed", SEARCHED_S, 30.0)
+    measured = exciting_then("one speed", SEARCHED_S, 20.0)
     history = feed(LiveIdentifier("N*m", TICK_S), measured)
     before, after = at(history, measured, SEARCHED_S + LATEST_S)["inertia"], at(history, measured, np.inf)["inertia"]
     assert abs(after.value - before.value) < 2.0 * before.std  # six draws know a deviation to within 30 %
@@ -185,7 +185,7 @@ def test_a_clock_set_back_is_survived(experiment):
 
 def test_another_machine_is_found_anew():
     """What fits nothing known any more, for seconds, is not averaged with what was."""
-    first, second = exciting_for(40.0, 1), drifting(exciting_for(40.0, 2), 2.0, 2.0, from_s=-1e9)
+    first, second = exciting_for(20.0, 1), drifting(exciting_for(20.0, 2), 2.0, 2.0, from_s=-1e9)
     identifier = LiveIdentifier("N*m", TICK_S)
     feed(identifier, first)
     last = feed(identifier, second)[-1]
