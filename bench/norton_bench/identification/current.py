@@ -83,8 +83,8 @@ def fit_current(
     unseen = 0.0 if steps is None else steps.deviation(columns)
     std = float(np.sqrt(covariance[0, 0] + unseen**2 + of_lag**2))
     constant = torque_gain.value / gain
-    relative = np.hypot(std / gain, torque_gain.std / torque_gain.value)
-    return CurrentFit(gain, std, float(constant), float(abs(constant) * relative))
+    of_both = np.hypot(std / gain, torque_gain.std / torque_gain.value)
+    return CurrentFit(gain, std, float(constant), float(abs(constant) * of_both))
 
 
 class _Reached(NamedTuple):

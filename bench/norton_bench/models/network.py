@@ -275,6 +275,11 @@ class NortonNetwork:
         return servo_steps.lagged(command, position_rad, bandwidth_rad_s, tick_s, substeps, self._loop, start)
 
     @property
+    def holds_position(self) -> bool:
+        """Whether its command is a position, which the loop of a servo holds: its source is then a place."""
+        return self.servo is not None and self.servo.holds_position
+
+    @property
     def _loop(self) -> tuple[float, float, float, float, float]:
         """As the compiled integrations take it (:mod:`norton_bench.models.servo_steps`); nothing without a servo."""
         servo = self.servo

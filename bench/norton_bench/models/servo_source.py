@@ -22,7 +22,7 @@ def still_to_come(network: NortonNetwork) -> float:
     ticks = round(DWELL_S / TICK_S)
     step = STEP_GAPS * gap(network)
     motion = network.dissipative().free_motion(np.full(ticks, step), TICK_S)
-    follows = motion[0 if network.servo is None or network.servo.holds_position else 1]
+    follows = motion[0 if network.holds_position else 1]
     return float(np.ptp(follows[-ticks // 4 :]) / step) if np.isfinite(follows).all() else inf
 
 

@@ -41,7 +41,7 @@ def _motor(network: NortonNetwork) -> Iterator[Finding]:
         else f"friction grows by μ = {load:.3g} of the torque at the port: from 1 on, not every motion has one torque",
     )
     yield Finding("source is a zero", True, "the free motion is where the torque vanishes, contact's history included")
-    if network.servo is not None and network.servo.holds_position:
+    if network.holds_position:
         yield from _held(network)
         return
     yield from _sliding(network)

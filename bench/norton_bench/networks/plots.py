@@ -74,7 +74,7 @@ def _source(axes: Axes, network: Network, commands: FloatArray, settle_s: float)
 
 def _sliding(axes: Axes, network: NortonNetwork, commands: FloatArray) -> None:
     """Torque against velocity in steady sliding, for a few commands (section IV.D)."""
-    if network.servo is not None and network.servo.holds_position:
+    if network.holds_position:
         _pulled(axes, network, commands)
         return
     fastest = float(np.abs(network.source_velocity(commands)).max()) or 1.0

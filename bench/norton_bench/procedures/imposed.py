@@ -13,6 +13,7 @@ from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
 from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, plans_for
+from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import (
     hold,
     imposed,
@@ -70,7 +71,7 @@ class ImposedProcedure:
         for name, sized in self._stretches(known):
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
         if (servo := plans_for(known.rig)) is not None:
-            for shake in range(servo.shakes):
+            for shake in range(SHAKES):
                 load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 31 + 2 * shake)
                 yield pushed(self.name, "shaken", Use.IDENTIFY, load_nm, goal)
             if (limit := servo.limit(known)) is not None:

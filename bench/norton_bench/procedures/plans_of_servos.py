@@ -17,12 +17,11 @@ Loops = tuple[tuple[float, float, int], ...]
 @dataclass(frozen=True)
 class ServoPlans:
     """Stretches of command and motion, each with its name; load torque and command to shake with; a stretch beyond the
-    limit; how many shakes; and how long all that takes but for the loops."""
+    limit; and how long all that takes but for the loops."""
 
     stretches: Callable[[Knowledge, float, int, Loops], Iterator[tuple[str, Sized]]]
     shaken: Callable[[Knowledge, float, int], tuple[FloatArray, FloatArray]]
     limit: Callable[[Knowledge], tuple[FloatArray, Motion] | None]
-    shakes: int
     imposed_s: Callable[[float], float]
 
 
@@ -30,14 +29,12 @@ _OF_POSITION = ServoPlans(
     servo_plans.imposed_stretches,
     servo_plans.shaken,
     servo_plans.limit_stretch,
-    servo_plans.SHAKES,
     servo_plans.servo_imposed_s,
 )
 _OF_VELOCITY = ServoPlans(
     velocity_plans.imposed_stretches,
     velocity_plans.shaken,
     velocity_plans.limit_stretch,
-    velocity_plans.SHAKES,
     velocity_plans.imposed_s,
 )
 

@@ -12,41 +12,32 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, free_within, imposed_within
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.servo_room import greatest_goal, room_for
+from norton_bench.procedures.servo_room import (
+    BEYOND_LIMIT,
+    HELD_TOO,
+    LIMIT_CYCLES,
+    LIMIT_HZ,
+    SHAKES,
+    greatest_goal,
+    room_for,
+    servo_of,
+)
 from norton_bench.procedures.waves import Motion, highest_hz, hold, multisine, multisine_motion, ramp, sine_motion
-from norton_drivers.servo import Servo
 
 # A goal that the free shaft follows leaves an error of a fraction of itself; above this frequency it does not follow.
 FOLLOWED_HZ = 60.0
 LOW_HZ = 0.2
 MOVE_S, BACK_S = 0.25, 1.0  # from one level to the next, and from and to zero
 SLOW_HZ = (0.15, 1.0)
-HELD_TOO = 1.3  # durations of the multisine: itself, and a goal alone
-SHAKES = 2  # each of half of that duration
 SHAKEN_BY = 2.5  # times what would turn the servo as far as a goal: most of it is too fast for that
 HIGHEST_MOTION_HZ = 40.0
 # To and fro at a constant goal: frequency, cycles, and share of the greatest motion.
 SWINGS = ((0.5, 4, 1.0), (2.0, 6, 1.0), (8.0, 16, 0.5))
-# The limit is looked for at this many times the error at which it should be, with a slow motion in both directions.
-BEYOND_LIMIT = 1.4
-LIMIT_HZ, LIMIT_CYCLES = 1.0, 6
 
 
 def goal_span(known: Knowledge) -> float:
     """The greatest goal to use [rad]."""
     return greatest_goal(known.rig)
-
-
-def servo_of(known: Knowledge) -> Servo:
-    """That of the rig, which must have one."""
-    servo = known.rig.servo
-    assert servo is not None
-    return servo
-
-
-def room(known: Knowledge) -> float:
-    """How large a goal, or a motion, may be beside the other [rad]."""
-    return room_for(known.rig, servo_of(known))
 
 
 def free_goals(known: Knowledge, levels: int, dwell_s: float, duration_s: float) -> Iterator[tuple[str, FloatArray]]:
@@ -64,7 +55,9 @@ def free_goals(known: Knowledge, levels: int, dwell_s: float, duration_s: float)
 
 def free_goal(known: Knowledge, duration_s: float, seed: int) -> FloatArray:
     """A multisine of goals for a shaft at zero torque."""
-    command = goal_multisine(known, duration_s, seed, room(known)) + travel(known, duration_s, seed + 1).position_rad
+    command = (
+        goal_multisine(known, duration_s, seed, room_for(known.rig)) + travel(known, duration_s, seed + 1).position_rad
+    )
     return free_within(bounds_of(known), command) * command
 
 
@@ -75,7 +68,7 @@ def travel(known: Knowledge, duration_s: float, seed: int) -> Motion:
         duration_s, known.tick_s, low_hz=SLOW_HZ[0], high_hz=SLOW_HZ[1], seed=seed, slope=-0.5, lines=12
     )
     furthest_rad = float(np.max(np.abs(motion.position_rad)))
-    size_rad = max(min(goal_span(known), SHARE * known.rig.limits.position_rad) - room(known), 0.0)
+    size_rad = max(min(goal_span(known), SHARE * known.rig.limits.position_rad) - room_for(known.rig), 0.0)
     return motion.scaled(min(size_rad / furthest_rad, 0.2 * known.rig.limits.velocity_rad_s))
 
 
@@ -99,7 +92,7 @@ def imposed_stretches(
 
     ``loops`` are small ones: amplitude [rad], frequency [Hz], cycles.
     """
-    tick_s, bounds, size_rad = known.tick_s, bounds_of(known), room(known)
+    tick_s, bounds, size_rad = known.tick_s, bounds_of(known), room_for(known.rig)
     motion = motion_multisine(known, duration_s, seed, size_rad)
     command = goal_multisine(known, duration_s, seed + 1, size_rad)
     yield "multisine", imposed_within(bounds, command, motion)
@@ -116,24 +109,24 @@ def imposed_stretches(
 def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Load torque [N m] and goal [rad], both up to fast changes: the lag of the amplifier, inertia and damping show
     where a load that follows a motion hardly gets to. The servo is the spring that keeps the shaft in its place."""
-    tick_s, size_rad = known.tick_s, room(known)
+    tick_s, size_rad = known.tick_s, room_for(known.rig)
     load, goal = (
         multisine(duration_s, tick_s, low_hz=1.0, high_hz=highest_hz(tick_s), seed=each, slope=-0.25)
         for each in (seed, seed + 1)
     )
-    torque_nm = min(servo_of(known).gain * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
+    torque_nm = min(servo_of(known.rig).gain * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
     return torque_nm * load, size_rad * goal + travel(known, duration_s, seed + 2).position_rad
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
     """A goal and a motion between which the servo reaches its limit; None where the rig does not let it, or nobody
     knows where that is."""
-    wanted_rad, limits = BEYOND_LIMIT * servo_of(known).greatest_error, known.rig.limits
-    torque_nm = servo_of(known).greatest_nm
-    amplitude_rad = max(wanted_rad - goal_span(known), 0.25 * servo_of(known).greatest_error)
-    if not np.isfinite(wanted_rad) or torque_nm > SHARE * min(limits.torque_nm, limits.load_torque_nm):
+    servo, limits = servo_of(known.rig), known.rig.limits
+    wanted_rad = BEYOND_LIMIT * servo.greatest_error
+    amplitude_rad = max(wanted_rad - goal_span(known), 0.25 * servo.greatest_error)
+    if not np.isfinite(wanted_rad) or servo.greatest_nm > SHARE * min(limits.torque_nm, limits.load_torque_nm):
         return None
-    if amplitude_rad > min(SHARE * limits.position_rad, 2.0 * servo_of(known).greatest_error):
+    if amplitude_rad > min(SHARE * limits.position_rad, 2.0 * servo.greatest_error):
         return None
     motion = sine_motion(amplitude_rad, LIMIT_HZ, LIMIT_CYCLES, known.tick_s)
     goal_rad = min(goal_span(known), wanted_rad - 0.5 * amplitude_rad)

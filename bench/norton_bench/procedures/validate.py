@@ -20,6 +20,7 @@ from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
 from norton_bench.procedures.plans_of_servos import plans_for
 from norton_bench.procedures.servo_plans import free_goal
+from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -68,7 +69,7 @@ class ValidateProcedure:
             for name, sized in self._driven(known):
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
             if (servo := plans_for(rig)) is not None:
-                for shake in range(servo.shakes):
+                for shake in range(SHAKES):
                     load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 51 + 2 * shake)
                     yield pushed(self.name, "shaken", Use.VALIDATE, load_nm, goal)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))

@@ -13,9 +13,17 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, imposed_multisine, imposed_within
 from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.procedures.servo_room import greatest_goal, room_for
+from norton_bench.procedures.servo_room import (
+    BEYOND_LIMIT,
+    HELD_TOO,
+    LIMIT_CYCLES,
+    LIMIT_HZ,
+    SHAKES,
+    greatest_goal,
+    room_for,
+    servo_of,
+)
 from norton_bench.procedures.waves import Motion, highest_hz, multisine, ramp, sine_motion, velocity_steps
-from norton_drivers.servo import Servo
 
 # Of the velocity limit: room for a command that is ahead.
 MOTION_SHARE = 0.5
@@ -23,13 +31,8 @@ SPEED_SHARES = (0.1, -0.1, 0.4, -0.4, 1.0, -1.0)
 AHEAD_SHARES = (-1.0, -0.4, 0.0, 0.4, 1.0)
 CHANGE_S, DWELL_S = 0.15, 0.35
 LOW_HZ = 0.2
-HELD_TOO = 1.3  # durations of the multisine: itself, and a command at standstill
-SHAKES = 2  # each of half of that duration
 SHAKEN_BY = 1.5  # times what would turn the servo as fast as a command: most of it is too fast for that
-# The limit is looked for at this many times the error at which it should be, with a slow motion in both directions.
-BEYOND_LIMIT = 1.4
-LIMIT_MOTION = 0.25  # of that error
-LIMIT_HZ, LIMIT_CYCLES = 1.0, 6
+LIMIT_MOTION = 0.25  # of the error at which the limit should be: the motion under which it is looked for
 
 
 def imposed_stretches(
@@ -40,7 +43,7 @@ def imposed_stretches(
 
     ``loops`` are small ones: amplitude [rad], frequency [Hz], cycles.
     """
-    tick_s, bounds, size = known.tick_s, bounds_of(known), _room(known)
+    tick_s, bounds, size = known.tick_s, bounds_of(known), room_for(known.rig)
     motion = imposed_multisine(known, MOTION_SHARE, duration_s, seed)
     ahead = size * _multisine(known, duration_s, seed + 1)
     yield "multisine", imposed_within(bounds, motion.velocity_rad_s + ahead, motion)
@@ -63,16 +66,16 @@ def imposed_stretches(
 def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
     """Load torque [N m] and command [rad/s], both up to fast changes: the lag of the amplifier and the inertia show
     where a load that follows a motion hardly gets to. The servo keeps the shaft from running away."""
-    size = _room(known)
+    size = room_for(known.rig)
     load, command = (_multisine(known, duration_s, each, low_hz=1.0) for each in (seed, seed + 1))
-    torque_nm = min(_servo(known).gain * SHAKEN_BY * size, SHARE * known.rig.limits.load_torque_nm)
+    torque_nm = min(servo_of(known.rig).gain * SHAKEN_BY * size, SHARE * known.rig.limits.load_torque_nm)
     return torque_nm * load, size * command
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:
     """A command and a motion between which the servo reaches its limit; None where the rig does not let it, or nobody
     knows where that is."""
-    servo, limits = _servo(known), known.rig.limits
+    servo, limits = servo_of(known.rig), known.rig.limits
     wanted = BEYOND_LIMIT * servo.greatest_error
     fastest_rad_s = LIMIT_MOTION * servo.greatest_error
     if wanted > greatest_goal(known.rig) or servo.greatest_nm > SHARE * min(limits.torque_nm, limits.load_torque_nm):
@@ -89,17 +92,6 @@ def imposed_s(duration_s: float) -> float:
     """How long the stretches take, but for the loops."""
     speeds_s = len(AHEAD_SHARES) * (len(SPEED_SHARES) + 1) * (CHANGE_S + DWELL_S)
     return (HELD_TOO + 0.5 * SHAKES) * duration_s + speeds_s + LIMIT_CYCLES / LIMIT_HZ
-
-
-def _servo(known: Knowledge) -> Servo:
-    servo = known.rig.servo
-    assert servo is not None
-    return servo
-
-
-def _room(known: Knowledge) -> float:
-    """How far a command may be ahead of the shaft [rad/s]."""
-    return room_for(known.rig, _servo(known))
 
 
 def _multisine(known: Knowledge, duration_s: float, seed: int, low_hz: float = LOW_HZ) -> FloatArray:

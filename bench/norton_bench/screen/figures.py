@@ -106,15 +106,14 @@ def _velocities(picture: Picture) -> PlotFigure:
 def _identified(picture: Picture) -> tuple[PlotTrace, ...]:
     """The static source of the estimates, ω = (Km·Ka·c ∓ τc)/B outside the dead zone (paper, section IV.D). A velocity
     commanded is held by B and the loop's gain; a position commanded has no such source."""
-    servo = picture.rig.servo
-    if servo is not None and servo.holds_position:
+    if picture.rig.holds_position:
         return ()
     values, seen = picture.known.network(), picture.source
     known = np.concatenate([seen.cloud, *seen.levels.values()]) if len(seen.cloud) else seen.cloud
     if values is None or not len(known) or any(name not in values for name in NEEDED_FOR_SOURCE):
         return ()
     gain, damping, friction = (values[name] for name in NEEDED_FOR_SOURCE)
-    damping += 0.0 if servo is None else gain
+    damping += 0.0 if picture.rig.servo is None else gain
     commands = np.linspace(known[:, 0].min(), known[:, 0].max(), SOURCE_POINTS)
     driven = gain * commands
     return (PlotTrace(commands, np.sign(driven) * np.maximum(np.abs(driven) - friction, 0) / damping, style=1),)

@@ -138,7 +138,7 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
     table = None if modelless is None else modelless.table
     port = PortTorque.of(result, table, stretches[0].origin_ns)
     # The source of a servo that holds a position is an angle: it has no free velocity to map.
-    holds = result.network.servo is not None and result.network.servo.holds_position
+    holds = result.network.holds_position
     static = None if holds else _where_measured(partial(source_map, port=port), data.measured)
     evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
     return replace(

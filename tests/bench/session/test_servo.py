@@ -1,16 +1,13 @@
 """A servo from rig file to network: a short session on the simulated bench, through its frames, and its fit."""
 
-from dataclasses import replace
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 
 from norton_bench.errors import RigError
 from norton_bench.identification.fit import fit
 from norton_bench.models.parameters import Status
-from norton_bench.networks.export.mjcf import export_mjcf
 from norton_bench.procedures.options import STEPS as STEPS_OPTIONS
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions
 from norton_bench.rig.load import load_rig, parse_rig, true_parameters
@@ -18,10 +15,7 @@ from norton_bench.session.dry_run import dry_run
 from norton_bench.session.engine import record_session
 from norton_bench.session.items import Session, Step
 from norton_bench.session.schema import standard_session
-from norton_drivers.codecs.mit import Special, goal_value
-from norton_drivers.mit import MitOptions
-from norton_drivers.registry import load_backend
-from norton_drivers.spoken_to.goals import Goals
+from tests.bench.session.free_servo import motion_in_mujoco, true_places
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-servo.toml"
 STEPS = (
@@ -51,41 +45,11 @@ def test_every_parameter_is_found(fitted):
         assert estimate.value == pytest.approx(truth[estimate.name], abs=unknown + 4.0 * estimate.std), estimate
 
 
-def true_motion(goals: np.ndarray) -> np.ndarray:
-    """Where the free shaft of the simulated plant is at each tick, its drive told by frames that take no time."""
-    rig = load_rig(RIG)
-    wiring = replace(rig.wiring, load=None, torque_sensor=None)
-    simulated = {**rig.simulated, "transport": dict.fromkeys(("can_delay", "can_jitter"), "0 us")}
-    backend = load_backend("simulated")(wiring, simulated, seed=7, place=rig.place)
-    options = MitOptions.model_validate(rig.wiring.actuator.options)
-    bus, world, told = (
-        backend.open_can(wiring.buses[0]).bus,
-        backend.world,
-        Goals(options.ranges, rig.servo, goal_value),
-    )
-    bus.send(can.Message(arbitration_id=options.node, data=Special.ENABLE.encode(), is_extended_id=False))
-    places = []
-    for goal in goals:
-        frame, _ = told.frame(float(goal), world.now_ns)
-        bus.send(can.Message(arbitration_id=options.node, data=frame, is_extended_id=False))
-        places.append(world.plant.true_position_rad("actuator"))
-        world.advance(world.now_ns + rig.tick_ns)
-    backend.close()
-    return np.array(places)
-
-
 def test_its_mujoco_file_follows_an_unseen_goal_as_the_plant_does(fitted):
-    mujoco = pytest.importorskip("mujoco")
     time_s = np.arange(3000) * 1e-3
     goals = 0.3 * np.sin(2 * np.pi * 0.7 * time_s) + 0.15 * np.sin(2 * np.pi * 2.3 * time_s)
-    model = mujoco.MjModel.from_xml_string(export_mjcf(fitted.network, "servo").text)
-    data, places = mujoco.MjData(model), []
-    for goal in goals:
-        places.append(data.qpos[0])
-        data.ctrl[0] = goal
-        for _ in range(round(1e-3 / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-    place = true_motion(goals)
+    places, _ = motion_in_mujoco(fitted.network, goals)
+    place = true_places(load_rig(RIG), goals)
     assert np.sqrt(np.mean((place - places) ** 2)) < 0.01 * np.sqrt(np.mean(place**2))
 
 

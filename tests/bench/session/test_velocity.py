@@ -1,9 +1,7 @@
 """A servo that holds a velocity from rig file to network: a short session on the simulated bench, and its fit."""
 
-from dataclasses import replace
 from pathlib import Path
 
-import can
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from norton_bench.errors import RigError
 from norton_bench.identification.fit import fit
 from norton_bench.identification.source_map import source_map
 from norton_bench.models.parameters import Status
-from norton_bench.networks.export.mjcf import export_mjcf
 from norton_bench.procedures.options import STEPS as STEPS_OPTIONS
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
 from norton_bench.rig.load import load_rig, parse_rig, true_parameters
@@ -20,10 +17,7 @@ from norton_bench.session.engine import record_session
 from norton_bench.session.items import Session, Step
 from norton_bench.session.run import guard_model_of
 from norton_bench.session.schema import standard_session
-from norton_drivers.codecs.mit import Special, goal_value
-from norton_drivers.mit import MitOptions
-from norton_drivers.registry import load_backend
-from norton_drivers.spoken_to.goals import Goals
+from tests.bench.session.free_servo import motion_in_mujoco, true_places
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-mit-velocity.toml"
 STEPS = (
@@ -64,38 +58,11 @@ def test_the_source_that_is_measured_is_that_of_the_motor_behind_its_loop(record
     assert seen.velocity_rad_s == pytest.approx(expected, abs=0.1)
 
 
-def true_motion(asked_rad_s: np.ndarray) -> np.ndarray:
-    """The velocity of the free shaft of the simulated plant at each tick, its drive told by frames without a delay."""
-    rig = load_rig(RIG)
-    wiring = replace(rig.wiring, load=None, torque_sensor=None)
-    simulated = {**rig.simulated, "transport": dict.fromkeys(("can_delay", "can_jitter"), "0 us")}
-    backend = load_backend("simulated")(wiring, simulated, seed=7, place=rig.place)
-    options = MitOptions.model_validate(rig.wiring.actuator.options)
-    bus, world = backend.open_can(wiring.buses[0]).bus, backend.world
-    told = Goals(options.ranges, rig.servo, goal_value)
-    bus.send(can.Message(arbitration_id=options.node, data=Special.ENABLE.encode(), is_extended_id=False))
-    places = []
-    for asked in asked_rad_s:
-        frame, _ = told.frame(float(asked), world.now_ns)
-        bus.send(can.Message(arbitration_id=options.node, data=frame, is_extended_id=False))
-        places.append(world.plant.true_position_rad("actuator"))
-        world.advance(world.now_ns + rig.tick_ns)
-    backend.close()
-    return np.gradient(np.array(places), rig.tick_s)
-
-
 def test_its_mujoco_file_follows_an_unseen_command_as_the_plant_does(fitted):
-    mujoco = pytest.importorskip("mujoco")
-    time_s = np.arange(3000) * 1e-3
+    rig, time_s = load_rig(RIG), np.arange(3000) * 1e-3
     asked = 6.0 * np.sin(2 * np.pi * 0.7 * time_s) + 3.0 * np.sin(2 * np.pi * 2.3 * time_s)
-    model = mujoco.MjModel.from_xml_string(export_mjcf(fitted.network, "servo").text)
-    data, velocities = mujoco.MjData(model), []
-    for command in asked:
-        velocities.append(data.qvel[0])
-        data.ctrl[0] = command
-        for _ in range(round(1e-3 / model.opt.timestep)):
-            mujoco.mj_step(model, data)
-    velocity = true_motion(asked)
+    _, velocities = motion_in_mujoco(fitted.network, asked)
+    velocity = np.gradient(true_places(rig, asked), rig.tick_s)
     assert np.sqrt(np.mean((velocity - velocities) ** 2)) < 0.02 * np.sqrt(np.mean(velocity**2))
 
 

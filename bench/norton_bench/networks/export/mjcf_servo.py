@@ -53,13 +53,12 @@ def slow_servo(network: NortonNetwork, servo: Servo) -> SlowServo:
 
 def following_costs(network: NortonNetwork, slow: SlowServo) -> str:
     """What the loop's lag and presliding cost that MuJoCo has not: rms of place or velocity, and under what command."""
-    holds_position = network.servo is None or network.servo.holds_position
     ranges = {} if network.prediction is None else network.prediction.ranges
     usual = USUAL_GAPS * network.coulomb_torque_nm / network.torque_gain
     reach = max(abs(end) for end in ranges.get("command", (-usual, usual)))
     goal = reach * np.sin(2 * np.pi * FREQUENCY_HZ * TICK_S * np.arange(round(PERIODS / FREQUENCY_HZ / TICK_S)))
     decay = np.exp(-network.amplifier_bandwidth_rad_s * TICK_S)
-    followed, what = (0, "place") if holds_position else (1, "velocity")
+    followed, what = (0, "place") if network.holds_position else (1, "velocity")
     whole = network.free_motion(goal, TICK_S)[followed]
     rest = _at_once(network, slow).free_motion(_lagged(goal, float(decay)), TICK_S)[followed]
     share = 100.0 * float(np.sqrt(np.mean((whole - rest) ** 2) / np.mean(whole**2)))
@@ -68,8 +67,7 @@ def following_costs(network: NortonNetwork, slow: SlowServo) -> str:
 
 
 def _at_once(network: NortonNetwork, slow: SlowServo) -> NortonNetwork:
-    holds_position = network.servo is None or network.servo.holds_position
-    servo = Servo(slow.gain if holds_position else 0.0, slow.damping)
+    servo = Servo(slow.gain if network.holds_position else 0.0, slow.damping)
     plain = replace(network, servo=servo, inertia_kgm2=slow.inertia, amplifier_bandwidth_rad_s=QUICK_RAD_S, terms=())
     return without_presliding(plain)
 
