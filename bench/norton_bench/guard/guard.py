@@ -49,7 +49,7 @@ def checks_for(
         checks.append(Standstill(command.unit))
     checks += _of_current(limits, command, fitted)
     if fitted.torque_sensor:
-        checks += [FrozenTorque(), TorqueJump(limits.torque_nm, tick_s)]
+        checks += [FrozenTorque(tick_s), TorqueJump(limits.torque_nm, tick_s)]
     if isfinite(fitted.range_nm):
         checks.append(SaturationCheck(fitted.range_nm))
     if fitted.load and fitted.torque_sensor:

@@ -7,6 +7,9 @@ from norton_bench.sample import Sample
 
 REPEATS = 10  # the longest run of equal readings that was seen at rest
 LEAST_REPEAT_S = 0.05
+# At the end of its range a sensor repeats itself for a while, again and again. Twice the longest run at rest is such a
+# while: those runs are added up, and each reading between them takes one off.
+LONG_RUN = 2 / REPEATS  # of what is allowed
 
 
 class FrozenTorque:
@@ -16,38 +19,43 @@ class FrozenTorque:
     How long they do at rest is seen by the step ``tare``; of a sensor so coarse that they always do, nothing can be
     said.
 
-    Counts equal readings in a row.
+    Counts equal readings in a row, of which a tick sees the last, and those of the long runs just before.
     """
 
     name = "frozen torque"
 
-    def __init__(self) -> None:
+    def __init__(self, tick_s: float) -> None:
+        self._tick_s = tick_s
         self._most = inf
         self._last_nm = 0.0
         self._equal = 0
+        self._before = 0  # equal readings in long runs before this one
 
     def begin(self, sample: Sample) -> None:
-        self._equal = 0
+        self._equal = self._before = 0
 
     def learn(self, model: GuardModel) -> None:
         habits = model.torque
         if habits is None or habits.longest_repeat is None:
             self._most = inf
         else:
-            self._most = max(REPEATS * habits.longest_repeat, LEAST_REPEAT_S / habits.period_s)
+            self._most = max(REPEATS * habits.longest_repeat, LEAST_REPEAT_S / max(habits.period_s, self._tick_s))
 
     def fault(self, sample: Sample, sent: Commands) -> str | None:
         if not sample.torque_new:
             return None
         torque_nm = sample.torque_nm
         if torque_nm != self._last_nm:
+            long = self._equal > LONG_RUN * self._most
+            self._before = self._before + self._equal if long else max(self._before - 1, 0)
             self._last_nm, self._equal = torque_nm, 1
             return None
         self._equal += 1
-        if self._equal <= self._most:
+        if self._equal + self._before <= self._most:
             return None
+        before = f", after {self._before} in such rows" if self._before else ""
         return (
-            f"torque sensor: gives {torque_nm:.6g} N m in {self._equal} readings in a row, as no living sensor "
+            f"torque sensor: gives {torque_nm:.6g} N m in {self._equal} readings in a row{before}, as no living sensor "
             "does: it is frozen or at the end of its range; switch it off and on again, and check its supply"
         )
 

@@ -188,7 +188,7 @@ def test_a_change_of_the_commands_is_forgotten_with_twenty_milliseconds() -> Non
 
 
 def test_equal_readings_are_counted() -> None:
-    check = FrozenTorque()
+    check = FrozenTorque(1e-3)
     check.learn(HABITS)
     values = [0.1, 0.2] + [0.25] * 52
     words = said(check, torques(*values))
@@ -269,7 +269,7 @@ def all_checks(factor: float = 1.0) -> list[Check]:
         CurrentAgreement("actuator", 0.5 * factor, "N*m", 20.0 * factor),
         StuckModulator(4.0 * factor, "N*m/rad", 1e-4 * factor),
         Standstill("N*m"),
-        FrozenTorque(),
+        FrozenTorque(1e-3 * factor),
         TorqueJump(1.0 * factor, 1e-3 * factor),
         SaturationCheck(2.0 * factor),
         TorqueBalance(1.0 * factor),
@@ -327,7 +327,7 @@ def test_strikes_are_counted_afresh(check: Check, wrong: Callable[[int], Sample]
 
 def test_equal_readings_are_counted_from_the_beginning() -> None:
     """The first of them differs from nothing: fifty may be equal, and the one after tells."""
-    check = FrozenTorque()
+    check = FrozenTorque(1e-3)
     check.learn(HABITS)
     for _ in range(2):
         assert found_at(check, torques(*[0.25] * 51)) == [50]

@@ -28,7 +28,7 @@ def shows(torque_nm: float):
 
 
 def frozen(known: GuardModel) -> FrozenTorque:
-    made = FrozenTorque()
+    made = FrozenTorque(1e-3)
     made.learn(known)
     return made
 
@@ -51,6 +51,30 @@ def test_readings_that_are_not_new_do_not_count() -> None:
     samples = from_tick(300, lambda s: s._replace(torque_nm=0.25, torque_new=s.tick_ns % 10_000_000 == 0))
     assert ask(frozen(habits()), samples).tick == pytest.approx(800, abs=10)
     assert ask(frozen(habits(period_s=0.01)), samples).tick == pytest.approx(500, abs=10)  # 2 seen in a row: 20
+
+
+def clipped(run: int):
+    """Rows of so many equal readings, each after three others."""
+    return lambda k: (lambda sample: shows(0.25)(sample)) if k % (run + 3) >= 3 else (lambda sample: sample)
+
+
+def test_at_the_end_of_its_range_a_sensor_repeats_itself_for_a_while_again_and_again() -> None:
+    """20 − 3 are left of each row: two of them and 16 of the third are more than 50."""
+    samples = [clipped(20)(k)(sample) for k, sample in enumerate(map(turning, range(1000)))]
+    verdict = ask(frozen(habits()), samples)
+    assert verdict.tick == 3 * 23 - 4
+    assert "in 17 readings in a row, after 34 in such rows" in verdict.said
+
+
+def test_rows_that_a_resting_sensor_might_show_do_not_add_up() -> None:
+    samples = [clipped(10)(k)(sample) for k, sample in enumerate(map(turning, range(2000)))]
+    assert ask(frozen(habits()), samples).tick is None
+
+
+def test_a_slow_loop_sees_fewer_readings_and_finds_it_as_soon() -> None:
+    made = FrozenTorque(2.5e-3)
+    made.learn(habits())
+    assert ask(made, from_tick(300, shows(0.25))).tick == 320  # twenty of its ticks
 
 
 def test_of_a_coarse_sensor_nothing_is_said() -> None:

@@ -355,7 +355,7 @@ def test_each_check_knows_its_own_limit_unit_and_resolution() -> None:
         StuckModulator(4.0, "N*m/rad", 5e-5),
         CurrentAgreement("actuator", 500.0, "mA", 1e-3),
         CurrentAgreement("load", 0.8, "N*m"),
-        FrozenTorque(),
+        FrozenTorque(1e-3),
         TorqueJump(1.0, 1e-3),
         SaturationCheck(2.0),
         TorqueBalance(1.0),
