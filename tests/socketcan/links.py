@@ -163,6 +163,7 @@ def _errors(tell: Tell) -> None:
     ):
         identifier, data = frame.encode()
         _raw("vcan0").send(FRAME.pack(socket.CAN_ERR_FLAG | identifier, 8, data))
+    time.sleep(QUIET_S)
     said = _refusal(port.poll)
     counted = port.troubles()
     tell("error frames: error-passive, bus-off", "bus-off" in said and "error-passive" in counted, f"{said} {counted}")

@@ -21,12 +21,12 @@ def run(checkout: Path, family: str, tell: Tell) -> None:
     session = checkout / "tests/socketcan/session.toml"
     with served(rig, SEED):
         code, said = bench("run", session, "--rig", rig, "--backend", "hardware", "--out", out, "--json")
-    if code:
+    result = json.loads(said) if said.startswith("{") else {}
+    if not result.get("network"):
         tell(f"{family}: session", False, f"exit code {code}: {last_line(said)}")
         return
-    result = json.loads(said)
     network = json.loads(Path(result["network"]).read_text(encoding="utf-8"))
-    tell(f"{family}: session, to a network file of {len(network['parameters'])} values", True, "done")
+    tell(f"{family}: session, to a network file of {len(network['parameters'])} values", True, f"exit code {code}")
     _, truth = bench("sim", "truth", rig, "--seed", SEED, "--json")
     for name, true in json.loads(truth)["parameters"].items():
         _compare(f"{family}: {name}", result["parameters"].get(name), true, tell)
