@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from scservo_sdk.group_sync_read import GroupSyncRead
 from scservo_sdk.protocol_packet_handler import protocol_packet_handler
@@ -47,9 +48,13 @@ class Servos:
 @pytest.fixture
 def open_servos(wiring: Wiring, open_bench: Bench) -> Callable[..., Servos]:
     def opened(kind: str = "STS3215", **options: object) -> Servos:
-        common = {"type": kind, "baud": BAUD, "stall_torque": 1.9}
-        actuator = DeviceSettings("actuator", "feetech", port=PORT, options={**common, "node": 1, **options})
-        load = DeviceSettings("load", "feetech", port=PORT, options={**common, "node": 2, "mode": "torque"})
+        common = {"baud": BAUD, "stall_torque": 1.9}
+        actuator = DeviceSettings(
+            "actuator", "feetech", port=PORT, options={**common, "type": kind, "node": 1, **options}
+        )
+        load = DeviceSettings(
+            "load", "feetech", port=PORT, options={**common, "type": "STS3215", "node": 2, "mode": "torque"}
+        )
         return Servos(open_bench(replace(wiring, actuator=actuator, load=load, torque_sensor=None)))
 
     return opened
@@ -117,7 +122,7 @@ def test_as_a_servo_its_goal_moves_no_faster_than_its_speed(open_servos: Callabl
 
 
 def test_the_other_series_has_the_high_byte_first(open_servos: Callable[..., Servos]) -> None:
-    servos = open_servos("SCS0009", zero=512)
+    servos = open_servos("SCS0009", mode="position")
     data, result, _ = SDK.readTxRx(servos.port, 1, 3, 2)
     assert (int.from_bytes(bytes(data), "big"), result) == (1284, 0)
     data, _, _ = SDK.readTxRx(servos.port, 1, table.PRESENT_POSITION, 2)
@@ -126,7 +131,16 @@ def test_the_other_series_has_the_high_byte_first(open_servos: Callable[..., Ser
     servos.write(table.GOAL_PWM, 0, 200)
     servos.write(table.TORQUE_ENABLE, 1)
     servos.port.wait(3)
-    assert servos.command() == pytest.approx(0.2)
+    assert servos.command() * 32 * table.DUTY_PER_RAD == pytest.approx(0.2)
+
+
+def test_a_potentiometer_tells_nothing_beyond_its_end(open_servos: Callable[..., Servos]) -> None:
+    servos = open_servos("SCS0009", mode="position")
+    plant = servos.backend.world.plant
+    for turned_rad, count in ((np.radians(149.0), 512 + 509), (np.radians(170.0), 1023), (np.radians(-200.0), 0)):
+        plant.misread("actuator", 1, turned_rad - plant.encoder_position_rad("actuator"))
+        data, _, _ = SDK.readTxRx(servos.port, 1, table.PRESENT_POSITION, 2)
+        assert int.from_bytes(bytes(data), "big") == pytest.approx(count, abs=1)
 
 
 def test_a_fault_switches_it_off_and_says_why(open_servos: Callable[..., Servos]) -> None:

@@ -23,6 +23,7 @@ class FeetechOptions(BusServoOptions):
     model: str = Field(alias="type", description="which model it is: byte order and scales", examples=["STS3215"])
     mode: Mode = Field(
         "pwm",
+        validate_default=True,
         description='what is commanded: "pwm" (a share of the supply), "torque" [N*m], as a share of stall_torque, '
         'or "position" [rad]',
     )
@@ -37,7 +38,14 @@ class FeetechOptions(BusServoOptions):
     position_gain: int = Field(
         32, ge=1, le=254, description='P (21), which the driver writes with D and I of zero; for mode = "position"'
     )
-    zero: int = Field(2048, ge=0, le=4095, description="the count of Present Position (56) that is an angle of zero")
+    zero_count: int | None = Field(
+        None,
+        alias="zero",
+        ge=0,
+        validate_default=True,
+        description="the count of Present Position (56) that is an angle of zero; the middle of what it tells",
+        examples=[2048],
+    )
     loop_period_s: float = Field(
         1e-3, alias="loop_period", gt=0, le=1e-2, description="how often it works out its position loop"
     )
@@ -48,6 +56,22 @@ class FeetechOptions(BusServoOptions):
         if model.upper() not in MODELS:
             raise ValueError(f"not a model that is known here; known: {', '.join(MODELS)}")
         return model.upper()
+
+    @field_validator("mode")
+    @classmethod
+    def _is_within_a_turn(cls, value: Mode, info: ValidationInfo) -> Mode:
+        model = MODELS.get(info.data.get("model", ""))
+        if value != "position" and model is not None and not model.turns:
+            raise ValueError(f'{model.name} tells less than a turn, and turns on beyond it: write mode = "position"')
+        return value
+
+    @field_validator("zero_count")
+    @classmethod
+    def _is_told(cls, value: int | None, info: ValidationInfo) -> int | None:
+        model = MODELS.get(info.data.get("model", ""))
+        if value is not None and model is not None and value >= model.counts:
+            raise ValueError(f"{model.name} tells counts from 0 to {model.counts - 1}")
+        return value
 
     @field_validator("stall_torque_nm")
     @classmethod
@@ -66,8 +90,13 @@ class FeetechOptions(BusServoOptions):
         return MODELS[self.model]
 
     @property
+    def zero(self) -> int:
+        """The count that is an angle of zero."""
+        return self.kind.counts // 2 if self.zero_count is None else self.zero_count
+
+    @property
     def greatest_position_rad(self) -> float:
-        within = min(self.zero, self.kind.counts_per_turn - 1 - self.zero)
+        within = min(self.zero, self.kind.counts - 1 - self.zero)
         return within * self.kind.step_rad if self.mode == "position" else inf
 
     @property

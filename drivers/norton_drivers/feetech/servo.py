@@ -92,8 +92,8 @@ class FeetechServo(BusServo):
         if sts:
             self._set(table.MODE, bytes((table.MODE_POSITION if holds else table.MODE_PWM,)))
             self._set(table.TORQUE_LIMIT, self._number(table.FULL_PWM))
-        else:  # limits of zero make a motor of it
-            self._set(table.MIN_ANGLE, self._number(0) + self._number(1023 if holds else 0))
+        else:  # limits of zero would make a motor of it
+            self._set(table.MIN_ANGLE, self._number(0) + self._number(self._model.counts - 1))
         if holds:
             self._set(table.P_GAIN, bytes((self._options.position_gain, 0, 0)))
             self._set(table.MIN_START_FORCE, bytes(4))  # and no dead zone
@@ -110,7 +110,7 @@ class FeetechServo(BusServo):
         if options.mode == "position":
             step_rad = self._model.step_rad
             place = round(value / step_rad) + options.zero
-            place = min(max(place, 0), int(self._model.counts_per_turn) - 1)
+            place = min(max(place, 0), self._model.counts - 1)
             return self._number(place), (place - options.zero) * step_rad
         unit = (options.stall_torque_nm or 1.0) if options.mode == "torque" else 1.0
         pwm = round(value / unit * table.FULL_PWM)
@@ -145,8 +145,8 @@ class FeetechServo(BusServo):
 
     def _followed(self, place: int) -> int:
         """Over several turns, where it tells the place within one."""
-        if self._phase & table.WHOLE_ANGLE_BIT or self._options.mode == "position" or not self._model.together:
+        if self._phase & table.WHOLE_ANGLE_BIT or self._options.mode == "position":
             return place
         if self._places is None:
-            self._places = Unwrapped(int(self._model.counts_per_turn))
+            self._places = Unwrapped(self._model.counts)
         return self._places.follow(place)

@@ -37,7 +37,7 @@ DUTY_PER_RAD: Final = 0.166  # for each unit of P
 
 class Model(NamedTuple):
     """``together``: whether it knows Sync Read; ``currents``: whether it measures its current; ``read`` are the
-    registers of a cycle, from torque switch to the last reading."""
+    registers of a cycle, from torque switch to the last reading. It tells the places from 0 to ``counts``, less one."""
 
     name: str
     number: int
@@ -45,6 +45,12 @@ class Model(NamedTuple):
     counts_per_turn: float = 4096.0
     together: bool = True
     currents: bool = True
+    counts: int = 4096
+
+    @property
+    def turns(self) -> bool:
+        """Whether it tells every angle of a turn, and so may go on for many turns."""
+        return self.counts >= self.counts_per_turn
 
     @property
     def step_rad(self) -> float:
@@ -62,8 +68,8 @@ MODELS: Final = {
         Model("STS3215", 777),
         Model("STS3250", 2825),
         Model("SM8512BL", 11272),
-        # Its 1024 counts span 300 degrees.
-        Model("SCS0009", 1284, "big", tau / radians(300.0) * 1024, together=False, currents=False),
+        # A potentiometer: its 1024 counts span 300 degrees.
+        Model("SCS0009", 1284, "big", tau / radians(300.0) * 1024, together=False, currents=False, counts=1024),
     )
 }
 

@@ -49,7 +49,7 @@ class FeetechServo(BusServo):
         put(table.ID, options.node)
         put(table.RETURN_DELAY, round(options.return_delay_s / table.RETURN_DELAY_STEP_S))
         put(table.PHASE, table.SLOW_UNIT_BIT)
-        put(MAX_ANGLE, int(self._model.counts_per_turn) - 1, 2)
+        put(MAX_ANGLE, self._model.counts - 1, 2)
         put(table.MIN_START_FORCE, 16, 2)
         if self._model.together:
             put(table.TORQUE_LIMIT, table.FULL_PWM, 2)
@@ -119,8 +119,8 @@ class FeetechServo(BusServo):
     def _measure(self) -> None:
         position_rad, velocity_rad_s = self._motion()
         put, step_rad = self.registers.put, self._model.step_rad
-        count = round(position_rad / step_rad) + self._options.zero
-        put(table.PRESENT_POSITION, count % int(self._model.counts_per_turn), 2)
+        count, counts = round(position_rad / step_rad) + self._options.zero, self._model.counts
+        put(table.PRESENT_POSITION, count % counts if self._model.turns else min(max(count, 0), counts - 1), 2)
         speed = min(max(round(velocity_rad_s / step_rad), -FASTEST), FASTEST)
         put(table.PRESENT_SPEED, with_sign(speed, table.POSITION_SIGN), 2)
         put(table.PRESENT_VOLTAGE, round(SUPPLY_V / table.VOLTAGE_STEP_V))

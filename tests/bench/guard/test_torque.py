@@ -55,7 +55,7 @@ def test_readings_that_are_not_new_do_not_count() -> None:
 
 def clipped(run: int):
     """Rows of so many equal readings, each after three others."""
-    return lambda k: (lambda sample: shows(0.25)(sample)) if k % (run + 3) >= 3 else (lambda sample: sample)
+    return lambda k: shows(0.25) if k % (run + 3) >= 3 else (lambda sample: sample)
 
 
 def test_at_the_end_of_its_range_a_sensor_repeats_itself_for_a_while_again_and_again() -> None:
