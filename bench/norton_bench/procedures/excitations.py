@@ -4,7 +4,7 @@ Every excitation begins and ends at rest in the same place, with zero command, s
 
 Plans are made smaller until they keep to every limit of the rig, by what has been measured so far."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +70,9 @@ class Candidate:
         return len(self.command)
 
 
+Bounded = tuple[FloatArray, float]  # values, and the limit of their size
+
+
 @dataclass(frozen=True)
 class PlanBounds:
     """The limits of the rig for a plan, computed with the network and the load as they are known.
@@ -101,22 +104,53 @@ class PlanBounds:
 
     def allow(self, command: FloatArray, motion: Motion, share: float) -> bool:
         """Whether command, its rate, motion, port torque and power and load torque stay within ``share`` of each."""
-        rig, limits, load, tick_s = self.rig, self.rig.limits, self.load, self.rig.tick_s
-        port_nm = self.network.torque(command, motion.position_rad, tick_s)
+        load = self.load
+        port_nm = self.network.torque(command, motion.position_rad, self.rig.tick_s)
         friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
         load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
         velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command, motion))
-        rate_per_s = np.diff(command, prepend=0.0, append=0.0) / tick_s
-        pairs = (
+        moved = self._moved(command, motion, velocity_rad_s, port_nm)
+        return _within((*moved, (load_nm, self.rig.limits.load_torque_nm)), share)
+
+    def allow_pushed(self, command: FloatArray, motion: Motion, share: float) -> bool:
+        """The same of a ``motion`` that is the answer to a torque of the load, which is itself within its limit."""
+        port_nm = self.network.torque(command, motion.position_rad, self.rig.tick_s)
+        return _within(self._moved(command, motion, motion.velocity_rad_s, port_nm), share)
+
+    def _moved(
+        self, command: FloatArray, motion: Motion, velocity_rad_s: FloatArray, port_nm: FloatArray
+    ) -> tuple[Bounded, ...]:
+        """Each with its limit, for a shaft that moves at such velocities."""
+        rig, limits = self.rig, self.rig.limits
+        rate_per_s = np.diff(command, prepend=0.0, append=0.0) / rig.tick_s
+        return (
             (command, rig.command.limit),
             (rate_per_s, limits.command_rate_per_s),
             (velocity_rad_s, limits.velocity_rad_s),
             (motion.position_rad, self.travel_rad),
             (port_nm, limits.torque_nm),
             (port_nm * velocity_rad_s, limits.power_w),
-            (load_nm, limits.load_torque_nm),
         )
-        return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
+
+    def pushed_motion(self, load_nm: FloatArray, command: FloatArray) -> Motion:
+        """How the shaft of a servo moves with a torque of the load [N m] and a command, (ticks,) each.
+
+        Of the linear network: friction, which would hold it back, is left out, and so is the servo's limit.
+        """
+        servo, network, tick_s = self.network.servo, self.network, self.rig.tick_s
+        assert servo is not None
+        size = 2 * load_nm.size  # the second half at rest: what is periodic here does not return to the beginning
+        s = 2j * np.pi * np.fft.rfftfreq(size, tick_s)
+        driven = network.torque_gain / (1.0 + s / network.amplifier_bandwidth_rad_s)
+        inertia_kgm2 = network.inertia_kgm2 + self.load.inertia_kgm2
+        damping_nms_rad = network.viscous_damping_nms_rad + self.load.viscous_damping_nms_rad
+        held = driven * np.exp(-s * servo.delay_s) * (servo.of_angle + servo.of_velocity * s)
+        stiffness = inertia_kgm2 * s**2 + damping_nms_rad * s + held
+        torque = self.load.torque_gain * np.fft.rfft(load_nm, size) + driven * np.fft.rfft(command, size)
+        # A servo of velocity has no place of its own: the mean of its angle is anywhere.
+        angle = np.divide(torque, stiffness, out=np.zeros_like(torque), where=stiffness != 0.0)
+        position, velocity, acceleration = (np.fft.irfft(s**order * angle, size)[: load_nm.size] for order in range(3))
+        return Motion(position - position[0], velocity, acceleration)
 
     def allow_free(self, command: FloatArray, share: float) -> bool:
         """Whether command, its rate, the free motion and the torque for the load to follow stay within ``share``.
@@ -136,7 +170,11 @@ class PlanBounds:
             (position_rad, self.travel_rad),
             *(() if steps else ((rate_per_s, limits.command_rate_per_s), (load_nm, limits.load_torque_nm))),
         )
-        return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
+        return _within(pairs, share)
+
+
+def _within(pairs: Iterable[Bounded], share: float) -> bool:
+    return all(bool(np.max(np.abs(values)) <= share * bound) for values, bound in pairs)
 
 
 def candidates(bounds: PlanBounds, seed: int) -> tuple[Candidate, ...]:
@@ -256,6 +294,15 @@ class Sized:
     share: float
 
 
+@dataclass(frozen=True)
+class SizedPush:
+    """Torque of the load [N m] and command, (ticks,) each, at ``share`` of their usual size."""
+
+    load_nm: FloatArray
+    command: FloatArray
+    share: float
+
+
 def bounds_of(known: Knowledge) -> PlanBounds | None:
     """The limits of the rig with the calibration and the first fit of the actuator; None where one is missing."""
     fit = known.actuator
@@ -301,6 +348,16 @@ def free_within(bounds: PlanBounds | None, command: FloatArray) -> float:
     while bounds is not None and share > LEAST and not bounds.allow_free(share * command, SHARE):
         share *= PLAN_SHRINKS
     return share
+
+
+def pushed_within(bounds: PlanBounds | None, load_nm: FloatArray, command: FloatArray) -> SizedPush:
+    """A torque of the load and a command for a servo, made smaller until the limits allow what they make of it."""
+    share = 1.0
+    if bounds is not None:
+        motion = bounds.pushed_motion(load_nm, command)
+        while share > LEAST and not bounds.allow_pushed(share * command, motion.scaled(share), SHARE):
+            share *= PLAN_SHRINKS
+    return SizedPush(share * load_nm, share * command, share)
 
 
 def words_for(what: str, share: float) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -13,7 +14,6 @@ from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
 from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, plans_for
-from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import (
     hold,
     imposed,
@@ -34,6 +34,7 @@ LOOP_CYCLES = 4
 LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
 # The grid may reach this share of the velocity limit: the shaft overshoots a little.
 VELOCITY_SHARE = 0.9
+SHAKEN_SEED = 31
 
 
 @dataclass(frozen=True)
@@ -71,20 +72,19 @@ class ImposedProcedure:
         for name, sized in self._stretches(known):
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
         if (servo := plans_for(known.rig)) is not None:
-            for shake in range(SHAKES):
-                load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 31 + 2 * shake)
-                yield pushed(self.name, "shaken", Use.IDENTIFY, load_nm, goal)
+            for shake in servo.shakes(known, self.options.duration_s, SHAKEN_SEED):
+                yield pushed(self.name, "shaken", Use.IDENTIFY, shake.load_nm, shake.command)
             if (limit := servo.limit(known)) is not None:
                 yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
-        smaller = tuple(
-            sentence
-            for name, sized in self._stretches(known)
-            for sentence in words_for(f"{self.name}, {name}:", sized.share)
-        )
-        return (*_gentler(known), *smaller)
+        shares = [(name, sized.share) for name, sized in self._stretches(known)]
+        if (servo := plans_for(known.rig)) is not None:
+            shakes = servo.shakes(known, self.options.duration_s, SHAKEN_SEED)
+            shares.append(("shaken", min(each.share for each in shakes)))
+        smaller = (words_for(f"{self.name}, {name}:", share) for name, share in shares)
+        return (*_gentler(known), *chain.from_iterable(smaller))
 
     def _stretches(self, known: Knowledge) -> Iterator[tuple[str, Sized]]:
         """The commands and motions to impose, in order, each with its name."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from norton_bench.arrays import FloatArray
 from norton_bench.procedures import servo_plans, velocity_plans
-from norton_bench.procedures.excitations import Sized
+from norton_bench.procedures.excitations import Sized, SizedPush
 from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import Motion
 from norton_bench.rig.rig import Rig
 
@@ -16,13 +17,17 @@ Loops = tuple[tuple[float, float, int], ...]
 
 @dataclass(frozen=True)
 class ServoPlans:
-    """Stretches of command and motion, each with its name; load torque and command to shake with; a stretch beyond the
-    limit; and how long all that takes but for the loops."""
+    """Stretches of command and motion, each with its name; a torque of the load and a command to shake with; a stretch
+    beyond the limit; and how long all that takes but for the loops."""
 
     stretches: Callable[[Knowledge, float, int, Loops], Iterator[tuple[str, Sized]]]
-    shaken: Callable[[Knowledge, float, int], tuple[FloatArray, FloatArray]]
+    shaken: Callable[[Knowledge, float, int], SizedPush]
     limit: Callable[[Knowledge], tuple[FloatArray, Motion] | None]
     imposed_s: Callable[[float], float]
+
+    def shakes(self, known: Knowledge, duration_s: float, seed: int) -> tuple[SizedPush, ...]:
+        """Some of them, each half as long as the multisine's ``duration_s``."""
+        return tuple(self.shaken(known, 0.5 * duration_s, seed + 2 * each) for each in range(SHAKES))
 
 
 _OF_POSITION = ServoPlans(

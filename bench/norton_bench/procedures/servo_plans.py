@@ -10,7 +10,15 @@ from itertools import pairwise
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, free_within, imposed_within
+from norton_bench.procedures.excitations import (
+    SHARE,
+    Sized,
+    SizedPush,
+    bounds_of,
+    free_within,
+    imposed_within,
+    pushed_within,
+)
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.servo_room import (
     BEYOND_LIMIT,
@@ -106,8 +114,8 @@ def imposed_stretches(
         yield name, imposed_within(bounds, np.zeros(len(loop.position_rad)), loop)
 
 
-def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Load torque [N m] and goal [rad], both up to fast changes: the lag of the amplifier, inertia and damping show
+def shaken(known: Knowledge, duration_s: float, seed: int) -> SizedPush:
+    """Load torque and goal [rad], both up to fast changes: the lag of the amplifier, inertia and damping show
     where a load that follows a motion hardly gets to. The servo is the spring that keeps the shaft in its place."""
     tick_s, size_rad = known.tick_s, room_for(known.rig)
     load, goal = (
@@ -115,7 +123,8 @@ def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, 
         for each in (seed, seed + 1)
     )
     torque_nm = min(servo_of(known.rig).gain * SHAKEN_BY * size_rad, SHARE * known.rig.limits.load_torque_nm)
-    return torque_nm * load, size_rad * goal + travel(known, duration_s, seed + 2).position_rad
+    goals = size_rad * goal + travel(known, duration_s, seed + 2).position_rad
+    return pushed_within(bounds_of(known), torque_nm * load, goals)
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:

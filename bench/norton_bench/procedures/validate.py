@@ -20,7 +20,6 @@ from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
 from norton_bench.procedures.plans_of_servos import plans_for
 from norton_bench.procedures.servo_plans import free_goal
-from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -31,6 +30,7 @@ IMPOSED_AMPLITUDE = 0.4
 # Motions unlike those that are fitted: speeds between those of the grid, a slower motion, loops of other sizes at
 # another frequency. All are slower, and have smaller commands, than those of the experiments before.
 SLOW_SHARE, SLOW_S = 0.1, 2.0  # of that amplitude
+SHAKEN_SEED = 51
 SPEED_SHARES = (0.08, -0.08, 0.6, -0.6)
 CHANGE_S, DWELL_S = 0.15, 0.4
 COMMAND_SHARES = (0.6, 0.3)  # of the span, from its upper and from its lower end
@@ -69,15 +69,17 @@ class ValidateProcedure:
             for name, sized in self._driven(known):
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
             if (servo := plans_for(rig)) is not None:
-                for shake in range(SHAKES):
-                    load_nm, goal = servo.shaken(known, 0.5 * self.options.duration_s, 51 + 2 * shake)
-                    yield pushed(self.name, "shaken", Use.VALIDATE, load_nm, goal)
+                for shake in servo.shakes(known, self.options.duration_s, SHAKEN_SEED):
+                    yield pushed(self.name, "shaken", Use.VALIDATE, shake.load_nm, shake.command)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
         shares = [("free multisine", free_within(bounds_of(known), self._free(known)))]
         if known.rig.wiring.load is not None:
             shares += [(name, sized.share) for name, sized in self._driven(known)]
+            if (servo := plans_for(known.rig)) is not None:
+                shakes = servo.shakes(known, self.options.duration_s, SHAKEN_SEED)
+                shares.append(("shaken", min(each.share for each in shakes)))
         return tuple(sentence for name, share in shares for sentence in words_for(f"{self.name}, {name}:", share))
 
     def _free(self, known: Knowledge) -> FloatArray:

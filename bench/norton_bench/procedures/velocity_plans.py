@@ -11,7 +11,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.procedures.excitations import SHARE, Sized, bounds_of, imposed_multisine, imposed_within
+from norton_bench.procedures.excitations import (
+    SHARE,
+    Sized,
+    SizedPush,
+    bounds_of,
+    imposed_multisine,
+    imposed_within,
+    pushed_within,
+)
 from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.procedures.servo_room import (
     BEYOND_LIMIT,
@@ -63,13 +71,13 @@ def imposed_stretches(
         yield name, imposed_within(bounds, loop.velocity_rad_s, loop)
 
 
-def shaken(known: Knowledge, duration_s: float, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Load torque [N m] and command [rad/s], both up to fast changes: the lag of the amplifier and the inertia show
+def shaken(known: Knowledge, duration_s: float, seed: int) -> SizedPush:
+    """Load torque and command [rad/s], both up to fast changes: the lag of the amplifier and the inertia show
     where a load that follows a motion hardly gets to. The servo keeps the shaft from running away."""
     size = room_for(known.rig)
     load, command = (_multisine(known, duration_s, each, low_hz=1.0) for each in (seed, seed + 1))
     torque_nm = min(servo_of(known.rig).gain * SHAKEN_BY * size, SHARE * known.rig.limits.load_torque_nm)
-    return torque_nm * load, size * command
+    return pushed_within(bounds_of(known), torque_nm * load, size * command)
 
 
 def limit_stretch(known: Knowledge) -> tuple[FloatArray, Motion] | None:

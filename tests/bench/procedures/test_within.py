@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from norton_bench.control import design
 from norton_bench.control.calibration import LoadCalibration
@@ -24,6 +25,7 @@ from norton_bench.records import TICK, Measured, SegmentInfo, join
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import PRESCRIBED_MOTION, LoadMode, Segment
+from norton_drivers.servo import Servo
 from tests.bench.control.test_design import COARSE
 from tests.bench.procedures.test_procedures import played
 
@@ -95,6 +97,61 @@ def test_nothing_is_made_smaller_that_fits(procedure: Procedure) -> None:
     for segment, other in zip(played(procedure, known), blind, strict=True):
         np.testing.assert_array_equal(segment.command, other.command)
         np.testing.assert_array_equal(segment.velocity_rad_s, other.velocity_rad_s)
+
+
+# ---- The shakes of a servo ------------------------------------------------------------------------------------------
+
+SERVO_RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-dynamixel-servo.toml")
+OF_POSITION = NortonNetwork(3.4, 600.0, 5e-3, 0.06, 0.05, 10.0, 0.1, command_unit="rad", servo=Servo(3.4, 0.05))
+OF_VELOCITY = NortonNetwork(0.8, 300.0, 5e-3, 0.06, 0.05, 10.0, 0.1, command_unit="rad/s", servo=Servo(0.0, 0.8))
+SERVO_LOAD = replace(LOAD, inertia_kgm2=3e-3, viscous_damping_nms_rad=0.02)
+
+
+@pytest.mark.parametrize("network", [OF_POSITION, OF_VELOCITY], ids=["position", "velocity"])
+def test_a_shaken_servo_moves_as_its_equations_say(network: NortonNetwork) -> None:
+    """Against Radau, but for friction, which is left out."""
+    servo, tick_s = network.servo, SERVO_RIG.tick_s
+    assert servo is not None
+    time_s = np.arange(0.0, 2.0, tick_s)
+    fade = np.minimum(1.0, np.minimum(time_s, time_s[-1] - time_s) / 0.3)
+    load_nm, command = 1.5 * fade * np.sin(25.0 * time_s), 0.2 * fade * np.sin(18.0 * time_s)
+    inertia, damping = network.inertia_kgm2 + SERVO_LOAD.inertia_kgm2, network.viscous_damping_nms_rad + 0.02
+
+    def rates(at_s: float, state: np.ndarray) -> list[float]:
+        angle, speed, drive = state
+        error = np.interp(at_s, time_s, command) - servo.of_angle * angle - servo.of_velocity * speed
+        torque = network.torque_gain * drive + SERVO_LOAD.torque_gain * np.interp(at_s, time_s, load_nm)
+        return [speed, (torque - damping * speed) / inertia, network.amplifier_bandwidth_rad_s * (error - drive)]
+
+    expected = solve_ivp(rates, (0.0, 2.0), np.zeros(3), "Radau", time_s, rtol=1e-8, atol=1e-10, max_step=0.01).y
+    motion = PlanBounds(SERVO_RIG, network, SERVO_LOAD, inf).pushed_motion(load_nm, command)
+    size = np.max(np.abs(expected), axis=1)
+    assert np.max(np.abs(motion.velocity_rad_s - expected[1])) < 0.01 * size[1]
+    assert np.max(np.abs(motion.position_rad - expected[0])) < 0.01 * size[0]
+
+
+@pytest.mark.parametrize("procedure", [ImposedProcedure(), ValidateProcedure()], ids=lambda procedure: procedure.name)
+def test_a_servo_is_shaken_as_much_as_the_power_limit_allows(procedure: Procedure) -> None:
+    rigs = [replace(SERVO_RIG, limits=replace(SERVO_RIG.limits, power_w=power_w)) for power_w in (1e3, 6.0)]
+    greatest_w, sentences = [], []
+    for rig in rigs:
+        known = Knowledge(rig, calibration=SERVO_LOAD, actuator=fit_of(OF_POSITION))
+        bounds = bounds_of(known)
+        assert bounds is not None
+        shaken = [segment for segment in played(procedure, known) if segment.name == "shaken"]
+        assert len(shaken) == 2
+        motions = [bounds.pushed_motion(segment.load_torque_nm, segment.command) for segment in shaken]
+        torques_nm = [
+            OF_POSITION.torque(segment.command, motion.position_rad, rig.tick_s)
+            for segment, motion in zip(shaken, motions, strict=True)
+        ]
+        powers_w = [np.abs(nm * motion.velocity_rad_s) for nm, motion in zip(torques_nm, motions, strict=True)]
+        greatest_w.append(max(float(np.max(each)) for each in powers_w))
+        assert isinstance(procedure, Reducing)
+        sentences.append([each for each in procedure.reductions(known) if "shaken" in each])
+    assert greatest_w[0] > rigs[1].limits.power_w
+    assert 0.9 * SHARE * rigs[1].limits.power_w < greatest_w[1] <= SHARE * rigs[1].limits.power_w
+    assert len(sentences[1]) == 1
 
 
 def test_stairs_of_a_shaft_that_is_slow_to_gain_speed_stay_within_the_velocity_limit() -> None:
