@@ -1,12 +1,12 @@
 """Drivers by the name a rig file gives them, and what they offer to tell who is on a bus.
 
-Drivers are listed without importing them, and loaded one at a time. A driver's module may offer these, all of them
+Drivers are listed without importing them, and loaded one at a time. A driver's module may offer these, the first three
 pure, without a port and without a clock:
 
 - ``recognise(message, options)``, a :data:`Recogniser`, which is shown every frame on the bus, other makers' too;
 - ``answers(question, frame)``, whether ``frame`` answers ``question``: two answers come from two devices;
 - ``probes(options, heard)``, questions that make every device of this kind say something, whatever its address;
-- ``SERIAL_PROBE``, a :class:`SerialProbe`, for a device that speaks on a serial line only when spoken to.
+- ``find(port, link)``, who of this kind answers on a serial line, where devices speak only when spoken to.
 """
 
 import sys
@@ -22,8 +22,9 @@ import can
 
 from norton_drivers.devices import Amplifier, Device, TorqueSensor
 from norton_drivers.errors import WiringError
+from norton_drivers.finding import Found
 from norton_drivers.link import Link
-from norton_drivers.ports import BackendFactory
+from norton_drivers.ports import BackendFactory, SerialPort
 from norton_drivers.readings import RawFrame
 from norton_drivers.wiring import DeviceSettings
 
@@ -53,20 +54,14 @@ class Question(NamedTuple):
     extended: bool = False
 
 
-class SerialProbe(NamedTuple):
-    """Bytes that move nothing and that a device of one kind answers; ``recognise(data)`` says in words who answered so,
-    None where nobody of this kind did."""
-
-    ask: bytes
-    recognise: Callable[[bytes], str | None]
-
-
 # Given a frame and the options of the rig's device with this driver ({} where the rig has none).
 Recogniser = Callable[[can.Message, Mapping[str, Any]], Recognised | None]
 # Given a question as it was sent, and a frame that came after it.
 Answers = Callable[[RawFrame, RawFrame], bool]
 # Given the options, and the standard identifiers heard on the bus: those of others must not be disturbed.
 Probes = Callable[[Mapping[str, Any], Collection[int]], Iterator[Question]]
+# Given a port that is open at some baud rate. Raises ConnectionFailedError.
+Find = Callable[[SerialPort, Link], Iterator[Found]]
 
 
 def answers_remotely(question: RawFrame, frame: RawFrame) -> bool:
@@ -87,10 +82,10 @@ class Recognition:
     recognise: Recogniser | None = None
     answers: Answers | None = None
     probes: Probes | None = None
-    serial: SerialProbe | None = None
+    find: Find | None = None
 
 
-OFFERS = ("recognise", "answers", "probes", "SERIAL_PROBE")  # the fields of Recognition, in their order
+OFFERS = ("recognise", "answers", "probes", "find")  # the fields of Recognition, in their order
 
 BACKENDS = "norton_bench.backends"
 AMPLIFIERS = "norton_bench.amplifiers"

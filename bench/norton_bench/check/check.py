@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from norton_bench.check.buses import check_bus, contradictory, remarks_on
-from norton_bench.check.lines import check_lines, explain_by_search, explain_silent_line
+from norton_bench.check.lines import check_lines, explain_silent_line
 from norton_bench.check.moving import announcement, check_moving
 from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck, Survey
 from norton_bench.check.watch import (
@@ -147,8 +147,7 @@ class _Seen:
         if settings.port is not None:
             others = [each for each in self.rig.wiring.devices() if each.port == settings.port and each is not settings]
             heard = self.survey.lines[settings.port].bytes_heard
-            found = explain_by_search(settings, problem, others, self.backend)
-            return found or explain_silent_line(settings, problem, heard, self.backend, self.recognition)
+            return explain_silent_line(settings, problem, others, heard, self.backend, self.recognition)
         return problem
 
     def _answer_s(self, each: Watched) -> float | None:

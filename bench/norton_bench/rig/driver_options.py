@@ -6,12 +6,11 @@ which the driver wants them), ``OPTION_FILES`` (options that may name a file bes
 data of one that sends CAN FD frames) and one subclass of ``norton_drivers.wiring.DeviceOptions``;
 ``check_settings(settings)``, which raises WiringError for what only the files that the options name can tell; and,
 where several such devices may share a serial port, ``check_port(settings, tick_ns)``, which raises WiringError where
-the line cannot carry all of them in every tick; ``find(settings, link)``, which asks a serial line who is there, and
-yields devices in words with their options. A driver that declares nothing checks its options itself.
+the line cannot carry all of them in every tick. A driver that declares nothing checks its options itself.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,6 @@ from norton_bench.rig.schema import DeviceSection
 from norton_bench.units import conversion, parse_quantity
 from norton_drivers import registry
 from norton_drivers.errors import WiringError
-from norton_drivers.link import Link
 from norton_drivers.wiring import DeviceOptions, DeviceSettings, written_as
 
 
@@ -41,7 +39,6 @@ class Declared:
     bitrate: str | None = None  # of the bus, as its maker delivers the device
     data_bitrate: str | None = None  # the same of its data, where it sends CAN FD frames
     check: Callable[[DeviceSettings], None] | None = None
-    find: Callable[[DeviceSettings, Link], Iterator[Any]] | None = None  # who answers, where the device does not
     check_port: Callable[[Sequence[DeviceSettings], int], None] | None = None  # where devices may share a port
 
 
@@ -50,7 +47,7 @@ def declared_by(group: str, driver: str) -> Declared:
     factory = registry.load(group, driver, asked_by="driver")
     module = sys.modules[factory.__module__]
     units, files = getattr(module, "OPTION_UNITS", {}), getattr(module, "OPTION_FILES", ())
-    names = ("CONNECTION", "BITRATE", "DATA_BITRATE", "check_settings", "find", "check_port")
+    names = ("CONNECTION", "BITRATE", "DATA_BITRATE", "check_settings", "check_port")
     told = (getattr(module, name, None) for name in names)
     return Declared(units, files, _model_in(module), *told)
 

@@ -6,11 +6,15 @@ from norton_drivers.codecs import dynamixel as protocol
 from norton_drivers.dynamixel import table
 from norton_drivers.dynamixel.options import DynamixelOptions
 from norton_drivers.dynamixel.servo import DynamixelServo, share_of
-from norton_drivers.half_duplex.finding import Found, dynamixels, feetechs
+from norton_drivers.finding import Found, answers_to
 from norton_drivers.half_duplex.line import LineTiming, check_line
 from norton_drivers.half_duplex.sharing import master_of
 from norton_drivers.link import Link
+from norton_drivers.ports import SerialPort
 from norton_drivers.wiring import DeviceSettings, parse_options
+
+# All answer a broadcast one after another, by their ids; at 57600 baud this is enough for the first forty.
+ALL_ANSWER_NS = 150_000_000
 
 CONNECTION = "serial"
 OPTION_UNITS = {
@@ -32,14 +36,14 @@ def open_amplifier(settings: DeviceSettings, link: Link) -> DynamixelServo:
     return DynamixelServo(settings, options, bus, dialect, link)
 
 
-def find(settings: DeviceSettings, link: Link) -> Iterator[Found]:
-    """Who answers at the rate of ``settings``. Raises ConnectionFailedError."""
-    port = link.serial_port(settings, parse_options(DynamixelOptions, settings).baud)
-    for node, number in dynamixels(port, link):
-        name = table.model_in_words(number)
-        yield Found(f"a Dynamixel ({name})", {"node": node, "type": name})
-    for node, _ in feetechs(port, link):
-        yield Found(f"a servo with id {node} that speaks Protocol 1.0, as Feetech's and older Dynamixels do")
+def find(port: SerialPort, link: Link) -> Iterator[Found]:
+    """Those that speak Protocol 2.0. Raises ConnectionFailedError."""
+    dialect = protocol.Dialect()
+    heard = answers_to(dialect.ping(protocol.BROADCAST), port, link, ALL_ANSWER_NS)
+    for answer in dialect.answers().feed(heard):
+        if len(answer.data) == 3:
+            name = table.model_in_words(int.from_bytes(answer.data[:2], "little"))
+            yield Found(f"a Dynamixel ({name})", {"node": answer.node, "type": name})
 
 
 def check_port(settings: Sequence[DeviceSettings], tick_ns: int) -> None:

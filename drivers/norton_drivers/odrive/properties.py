@@ -5,7 +5,7 @@ Sources: the API references of firmware 0.5.6 and 0.6 (``axis0``: ``error``, ``m
 ``motor.foc.Iq_measured``).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from math import isfinite, nan
@@ -16,7 +16,9 @@ from norton_drivers.codecs import odrive_ascii as ascii_protocol
 from norton_drivers.codecs.odrive import AxisState
 from norton_drivers.codecs.odrive_05 import ERROR_WATCHDOG, describe_errors_05
 from norton_drivers.codecs.odrive_06 import describe_axis_state, describe_errors
-from norton_drivers.registry import SerialProbe
+from norton_drivers.finding import Found, answers_to
+from norton_drivers.link import Link
+from norton_drivers.ports import SerialPort
 
 STATE, REQUESTED_STATE = "current_state", "requested_state"
 CONTROL_MODE, INPUT_MODE = "controller.config.control_mode", "controller.config.input_mode"
@@ -118,10 +120,12 @@ class AxisValues:
         return tuple(dict.fromkeys(result))
 
 
-def _recognise(data: bytes) -> str | None:
-    """It tells its version; or, where something else stood in its buffer, that it does not know that."""
-    told = [ascii_protocol.number_in(each.text) for each in ascii_protocol.TextStream().feed(data)]
-    return "an ODrive" if ascii_protocol.UNKNOWN.encode() in data or any(each is not None for each in told) else None
+def find(port: SerialPort, link: Link) -> Iterator[Found]:
+    """An ODrive: it tells its version; or, where something else stood in its buffer, that it does not know that.
 
-
-SERIAL_PROBE = SerialProbe(b"\n" + ascii_protocol.line(f"r {VERSION[1]}"), _recognise)
+    Raises ConnectionFailedError.
+    """
+    heard = answers_to(b"\n" + ascii_protocol.line(f"r {VERSION[1]}"), port, link)
+    numbers = (ascii_protocol.number_in(each.text) for each in ascii_protocol.TextStream().feed(heard))
+    if ascii_protocol.UNKNOWN.encode() in heard or any(each is not None for each in numbers):
+        yield Found("an ODrive")

@@ -19,7 +19,7 @@ from norton_drivers.errors import DeviceError
 from norton_drivers.link import Link
 from norton_drivers.odrive import properties
 from norton_drivers.odrive.options import ASIDE_PERIOD_S, ASIDES, ODriveUartOptions
-from norton_drivers.odrive.properties import SERIAL_PROBE, AxisValues  # noqa: F401  (found here by whoever looks)
+from norton_drivers.odrive.properties import AxisValues, find  # noqa: F401  (found here by whoever looks)
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
 from norton_drivers.serial_drive import Question, SerialDrive
 from norton_drivers.wiring import DeviceSettings, parse_options

@@ -15,9 +15,10 @@ from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.lines import LineStream
 from norton_drivers.codecs.simplefoc import CONTROLLERS, flag_in, letter_in, state_in
 from norton_drivers.errors import DeviceError
+from norton_drivers.finding import Found, answers_to
 from norton_drivers.link import Link
+from norton_drivers.ports import SerialPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.registry import SerialProbe
 from norton_drivers.serial_drive import Question, SerialDrive
 from norton_drivers.simplefoc.options import SimpleFocOptions
 from norton_drivers.wiring import DeviceSettings, parse_options
@@ -33,13 +34,12 @@ CONNECTION = "serial"
 OPTION_UNITS = {"torque_constant": "N*m/A", "current_limit": "A", "supply": "V", "timeout": "s", "watchdog": "s"}
 
 
-def _letters_in(data: bytes) -> str | None:
-    lines = [each.text.decode("ascii", "replace") for each in LineStream(mid_line=False).feed(data)]
-    letters = [letter for each in lines if (letter := letter_in(each)) is not None]
-    return f"a SimpleFOC board with the commands {', '.join(letters)}" if letters else None
-
-
-SERIAL_PROBE = SerialProbe(b"\n" + protocol.SCAN, _letters_in)
+def find(port: SerialPort, link: Link) -> Iterator[Found]:
+    """A board, by the letters of its commands. Raises ConnectionFailedError."""
+    lines = LineStream(mid_line=False).feed(answers_to(b"\n" + protocol.SCAN, port, link))
+    told = (letter_in(each.text.decode("ascii", "replace")) for each in lines)
+    if letters := [letter for letter in told if letter is not None]:
+        yield Found(f"a SimpleFOC board with the commands {', '.join(letters)}")
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "SimpleFoc":

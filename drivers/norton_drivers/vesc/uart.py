@@ -15,9 +15,10 @@ from norton_drivers.codecs import vesc, vesc_uart
 from norton_drivers.codecs.common import CodecError
 from norton_drivers.codecs.vesc_uart import PacketStream, Say, Value, mask_of
 from norton_drivers.errors import DeviceError
+from norton_drivers.finding import Found, answers_to
 from norton_drivers.link import Link, wait_until
+from norton_drivers.ports import SerialPort
 from norton_drivers.readings import CurrentReading, DeviceIdentity, DriveState, DriveStatus, MotionReading
-from norton_drivers.registry import SerialProbe
 from norton_drivers.serial_drive import Question, SerialDrive
 from norton_drivers.vesc.motor import MOTOR_UNITS, TIMEOUT_LOOK_S, SeenFaults, fault_words
 from norton_drivers.vesc.options import SLOW, VescUartOptions
@@ -32,13 +33,13 @@ CONNECTION = "serial"
 OPTION_UNITS = {**MOTOR_UNITS, "timeout": "s"}
 
 
-def _version_in(data: bytes) -> str | None:
-    payloads = [received.payload for received in PacketStream().feed(data)]
-    found = next((payload for payload in payloads if payload[0] == Say.FW_VERSION and len(payload) > 2), None)
-    return None if found is None else "a VESC, firmware {}.{:02d}".format(*vesc.version_of(found)[:2])
-
-
-SERIAL_PROBE = SerialProbe(vesc_uart.packet(vesc.ask_version()), _version_in)
+def find(port: SerialPort, link: Link) -> Iterator[Found]:
+    """A VESC, by its version. Raises ConnectionFailedError."""
+    heard = answers_to(vesc_uart.packet(vesc.ask_version()), port, link)
+    for payload in (received.payload for received in PacketStream().feed(heard)):
+        if payload[0] == Say.FW_VERSION and len(payload) > 2:
+            yield Found("a VESC, firmware {}.{:02d}".format(*vesc.version_of(payload)[:2]))
+            return
 
 
 def open_amplifier(settings: DeviceSettings, link: Link) -> "VescUart":

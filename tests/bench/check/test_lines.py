@@ -66,18 +66,28 @@ def test_answers_that_come_later_than_the_next_tick_are_remarked() -> None:
 @pytest.mark.parametrize(
     ("path", "device", "words"),
     [
-        (VESC, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
-        (ODRIVE, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
-        (SIMPLEFOC, {"baud": 115_200}, "it speaks at 115200 baud, not at 921600: set baud = 115200"),
+        (VESC, {"baud": 115_200}, "at 115200 baud there is a VESC, firmware 6.05; set baud = 115200"),
+        (ODRIVE, {"baud": 115_200}, "at 115200 baud there is an ODrive; set baud = 115200"),
+        (
+            SIMPLEFOC,
+            {"baud": 115_200},
+            "at 115200 baud there is a SimpleFOC board with the commands M; set baud = 115200",
+        ),
         (
             ODRIVE,
             {"driver": "vesc_uart", "pole_pairs": 7, "baud": 921_600},
-            'a VESC, firmware 6.05 answers there (driver = "vesc_uart", baud = 921600); is driver right?',
+            'at 921600 baud there is a VESC, firmware 6.05; set driver = "vesc_uart"',
         ),
         (
             VESC,
             {"driver": "simplefoc", "current_limit": "9 A", "baud": 115_200},
-            'a SimpleFOC board with the commands M answers there (driver = "simplefoc", baud = 115200)',
+            'at 115200 baud there is a SimpleFOC board with the commands M; set driver = "simplefoc", baud = 115200',
+        ),
+        (
+            VESC,
+            {"driver": "dynamixel", "node": 3, "type": "XM430-W210", "baud": 57_600},
+            "at 57600 baud there is a Dynamixel (XM430-W210); "
+            'set driver = "dynamixel", baud = 57600, node = 3, type = "XM430-W210"',
         ),
         (ODRIVE, {"firmware": "0.5"}, 'says it runs firmware 0.5.6; the rig file has firmware = "0.6"'),
         (VESC, {"plugged": False}, "nobody known answers at the other usual baud rates either"),

@@ -43,8 +43,8 @@ def test_a_bench_in_order(name: str) -> None:
         (
             "sim-dynamixel",
             {"driver": "feetech", "type": "STS3215", "node": 3, "baud": 4_000_000},
-            DYNAMIXEL + "4000000 baud there is a servo with id 3 that speaks Protocol 1.0, as Feetech's and older "
-            "Dynamixels do; name the driver that speaks that",
+            DYNAMIXEL + '4000000 baud there is a Feetech servo (STS3215); set driver = "feetech", node = 3, '
+            'type = "STS3215"',
         ),
         (
             "sim-feetech",
