@@ -38,7 +38,7 @@ from norton_bench.identification.simulated_bench import (
     inertia_of,
     likeliest,
 )
-from norton_bench.identification.statistics import LOOSE_BEYOND
+from norton_bench.identification.statistics import LOOSE_BEYOND, NORMAL_95
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
@@ -48,7 +48,6 @@ Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
 # Simulated records of one fit. The deviation of a parameter is then known to within a fifth; Student's distribution
 # allows for that.
 DRAWS = 12
-NORMAL_95 = 1.96  # deviations
 
 
 @dataclass(frozen=True)

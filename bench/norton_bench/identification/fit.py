@@ -37,7 +37,7 @@ from norton_bench.identification.separable import Solution, limits, solve, solve
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling
-from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich
+from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich, with_lag_as_told
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
@@ -234,6 +234,7 @@ def result_of(
     regression, target = solution.regression, solution.regression.target()
     of_unknowns = covariance_of(solution, regression.time_s())
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
+    covariance = with_lag_as_told(values, covariance, PHYSICAL.index("amplifier_bandwidth"))
     deviations = np.sqrt(np.diag(covariance))
     checks = failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s)
     failed = (*map(FailedCheck, findings.doubts), *checks)
@@ -317,9 +318,8 @@ def _in_terms_of_network(
     terms = terms_found(solution, values, covariance, command_unit)
     estimates += [estimate for _, own in terms for estimate in own]
     network = network_of(estimates, command_unit, covariance, tuple(term for term, _ in terms))
-    network = replace(network, servo=stretches[0].servo)
     waves = waves_found(solution, float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0)
-    network = replace(network, terms=(*network.terms, *waves))
+    network = replace(network, servo=stretches[0].servo, terms=(*network.terms, *waves))
     ratios: tuple[Estimate, ...] = ()
     if solution.free_motion:
         ratios = tuple(estimate for estimate in estimates if estimate.name in PER_GAIN and not failed_checks)

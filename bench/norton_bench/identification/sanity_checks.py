@@ -36,7 +36,7 @@ class Blocks:
         count = len(residual) // BLOCK_ROWS
         scale = np.linalg.norm(jacobian, axis=0)
         scale[scale == 0.0] = 1.0  # a free shaft has no torque to go with the inertia
-        rows = (jacobian[: count * BLOCK_ROWS] / scale).reshape(count, BLOCK_ROWS, -1)
+        rows = (jacobian[: count * BLOCK_ROWS] / scale).reshape(count, BLOCK_ROWS, len(scale))
         left = residual[: count * BLOCK_ROWS].reshape(count, BLOCK_ROWS, 1)
         across = rows.transpose(0, 2, 1)
         gram, score = np.matmul(across, rows), np.matmul(across, left)[:, :, 0]

@@ -13,9 +13,9 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.bands import told, worthwhile_band
 from norton_bench.identification.fed_back import SharedErrors
-from norton_bench.identification.kernels import FULL_BAND, Kernel
+from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.shape import BANDWIDTH, COULOMB, INERTIA, MOTION_DELAY, Shape
+from norton_bench.identification.shape import BANDWIDTH, COULOMB, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import strongest_period
 from norton_bench.models.terms import NetworkTerm, TermParameter, parameters_of
@@ -88,16 +88,16 @@ def solve(
     """
     low = Regression.of(stretches, told(stretches, LOW_BAND), LOW_STRIDE, free_motion=free_motion, cogging=cogging)
     ends = [_descend(start, most_steps=LOW_STEPS, within=ROUGH_STEP)[0] for start in _starts(low)]
-    widest = told(stretches, FULL_BAND)
-    full = Regression.of(stretches, widest, free_motion=free_motion, cogging=cogging)
-    solution = _first_settled(full, sorted(ends, key=lambda at: at.cost))
+    ends.sort(key=lambda at: at.cost)
+    # Not first in the full band: there the errors of coarse counts may be all that is seen of the acceleration.
+    band = worthwhile_band(low, ends[0].linear)
+    regression = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
+    solution = _first_settled(regression, ends)
     if roughly:
         return solution
-    inertia = None if solution.free_motion else abs(float(solution.linear[INERTIA]))
-    band = worthwhile_band(full, inertia)
-    if band != widest:
-        full = Regression.of(stretches, band, free_motion=free_motion, cogging=cogging)
-        solution = _iterate(full, solution.shape, within=ROUGH_STEP)
+    if (better := worthwhile_band(low, solution.linear)) != band:
+        regression = Regression.of(stretches, better, free_motion=free_motion, cogging=cogging)
+        solution = _iterate(regression, solution.shape, within=ROUGH_STEP)
     solution = _with_cogging(solution, within=ROUGH_STEP)
     counted = solution.regression.recounted(solution.shape).whitened(
         solution.shape, float(solution.linear[COULOMB]), solution.residual

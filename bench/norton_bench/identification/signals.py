@@ -15,6 +15,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.fed_back import near_limit
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from norton_bench.identification.readings import (
+    UNIFORM_DEVIATION,
     moving,
     noise_deviation,
     nominal_period_s,
@@ -260,7 +261,7 @@ def _stretch(
         rests=_ends_of_rests(moves, tick_s),
         torque_nm=None if torque is None else torque.at(time_s),
         current=streams["current"].between(start_s, end_s) if "current" in streams else None,
-        position_noise=_density(streams["position"], time_s, usable),
+        position_noise=_density_of_counts(streams["position"], streams["path"].value, time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
         position_period_s=streams["position"].period_s,
         position_step_rad=streams["position"].step,
@@ -320,6 +321,20 @@ def _density(stream: TimeSeries, time_s: FloatArray, usable: BoolArray) -> float
     """Of the readings' own errors, where they are used."""
     chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
     return noise_deviation(stream.value, chosen) ** 2 * stream.period_s
+
+
+def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: FloatArray, usable: BoolArray) -> float:
+    """The same of an encoder's.
+
+    The errors of counts are as if drawn from a step's width over many speeds, but not at each: at half a count a
+    reading they alternate, and their differences show many times their variance. So what they show on the path that was
+    gone is taken off, and their variance put in its place. Noise of less than half a count hides behind that.
+    """
+    if position.step == 0.0:
+        return _density(position, time_s, usable)
+    counted = replace(position, value=position.step * np.round(path_rad / position.step))
+    seen, shown = (_density(each, time_s, usable) for each in (position, counted))
+    return float(max(seen - shown, 0.0) + (UNIFORM_DEVIATION * position.step) ** 2 * position.period_s)
 
 
 def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:

@@ -11,6 +11,7 @@ from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
 
 # A parameter, or a combination of them, that deviates by more than this share of its value is not known.
 LOOSE_BEYOND = 0.5
+NORMAL_95 = 1.96  # deviations
 BLOCKS_S = (0.1, 0.5, 2.0)
 # A column shorter than this says nothing, and its square is no number.
 NOTHING = 1e-100
@@ -50,6 +51,21 @@ def sandwich(
     middle = candidates[len(candidates) // 2]
     deviation = np.sqrt(np.maximum(np.diag(middle), 1e-300))
     return np.asarray(middle / np.outer(deviation, deviation) * np.outer(widest, widest) / np.outer(scale, scale))
+
+
+def with_lag_as_told(values: FloatArray, covariance: FloatArray, place: int) -> FloatArray:
+    """The covariance (p, p) of ``values`` (p,), with a bandwidth β at ``place`` that deviates as far as it may.
+
+    Behind a delay that is estimated, too, a lag shows by the square of its time constant: |1 + iω/β|⁻² = 1 − (ω/β)² + …;
+    what is of first order in ω looks like delay. So it is 1/β² that deviates evenly, and the interval of β reaches
+    further up than down; without end where 1/β² may be zero. Now 1.96 deviations reach as far as the upper end.
+    """
+    bandwidth, std = float(values[place]), float(np.sqrt(covariance[place, place]))
+    share = NORMAL_95 * 2.0 * std / bandwidth  # of 1/β²
+    up = bandwidth / np.sqrt(1.0 - share) if share < 1.0 else np.inf
+    wider = np.ones(len(values))
+    wider[place] = max(1.0, min((up - bandwidth) / NORMAL_95, bandwidth) / max(std, 1e-300))
+    return np.asarray(covariance * np.outer(wider, wider))
 
 
 def _meat(scores: FloatArray, time_s: FloatArray, block_s: float) -> FloatArray:
@@ -96,7 +112,6 @@ def _standard_error(values: FloatArray) -> float:
     return float(np.std(values, ddof=1) / np.sqrt(values.size))
 
 
-NORMAL_95 = 1.96
 NODES = 200
 # Between which the spread is looked for, in units of the values' range.
 LEAST_SPREAD, GREATEST_SPREAD = 1e-4, 2.0

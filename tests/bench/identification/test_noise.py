@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.readings import noise_deviation
+from norton_bench.identification.signals import TimeSeries, _density_of_counts
 
 
 @pytest.mark.parametrize("true", [1e-3, 0.1])
@@ -18,6 +19,19 @@ def test_counts_that_pass_by_are_uniform_noise():
     time = np.arange(20_000) * 1e-3
     counts = np.floor((10 * time + np.sin(8 * time)) / 4.8e-5) * 4.8e-5
     assert noise_deviation(counts, np.ones(time.size, dtype=bool)) == pytest.approx(4.8e-5 / np.sqrt(12), rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_counts_that_pass_slowly_have_the_variance_of_a_step_and_not_of_their_differences(noise):
+    """About half a count a reading: neighbouring errors alternate, and their differences are nearly four times that."""
+    rng, step, period_s = np.random.default_rng(6), 1.5e-3, 2.5e-3
+    time_s = np.arange(20_000) * period_s
+    path = step * 0.5 * np.arange(time_s.size) + 3.3 * step * np.sin(0.7 * time_s)
+    read = step * np.round((path + 0.3 * step + noise * step * rng.standard_normal(time_s.size)) / step) - 0.3 * step
+    usable = np.ones(time_s.size, dtype=bool)
+    assert noise > 0.0 or noise_deviation(read, usable) ** 2 > 2.0 * step**2 / 12
+    density = _density_of_counts(TimeSeries(time_s, read, period_s, step), path, time_s, usable)
+    assert density == pytest.approx((1 / 12 + noise**2) * step**2 * period_s, rel=0.3)
 
 
 def test_shocks_and_what_is_not_chosen_do_not_count():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.statistics import NORMAL_95, Combined, between_limit, combine
+from norton_bench.identification.statistics import NORMAL_95, Combined, between_limit, combine, with_lag_as_told
 
 # Thirteen trials of the BCG vaccine, cases and others with it, cases and others without (Colditz et al. 1994, as in
 # the R package metadat, dat.bcg): the example on which programs for such analyses are compared.
@@ -119,3 +119,29 @@ def test_an_error_known_to_be_shared_comes_on_top() -> None:
 def test_what_cannot_be_combined_is_refused(values: list[float], stds: list[float]) -> None:
     with pytest.raises(ValueError, match="two finite values"):
         combine(np.array(values), np.array(stds))
+
+
+# ---- A lag behind a delay -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("known_to", [0.02, 0.1, 0.2])
+def test_a_bandwidth_whose_square_of_time_constant_scatters_is_within_its_interval(known_to: float) -> None:
+    """1/β² comes out with such a share of deviation; β and its linear deviation follow from it."""
+    rng, true, draws = np.random.default_rng(5), 600.0, 4000
+    found = 1.0 / true**2 * (1.0 + known_to * rng.standard_normal(draws))
+    inside, linear = [], []
+    for square in found:
+        bandwidth, std = square**-0.5, 0.5 * square**-1.5 * known_to / true**2
+        covariance = np.array([[1.0, 0.5 * std], [0.5 * std, std**2]])
+        wider = with_lag_as_told(np.array([1.0, bandwidth]), covariance, 1)
+        assert wider[0, 0] == 1.0
+        assert wider[0, 1] == pytest.approx(0.5 * np.sqrt(wider[1, 1]))
+        inside.append(abs(bandwidth - true) <= 1.96 * np.sqrt(wider[1, 1]))
+        linear.append(abs(bandwidth - true) <= 1.96 * std)
+    assert 0.945 < np.mean(inside) < 0.99
+    assert np.mean(inside) >= np.mean(linear)
+
+
+def test_a_bandwidth_that_may_be_infinite_is_not_known() -> None:
+    covariance = with_lag_as_told(np.array([500.0]), np.array([[160.0**2]]), 0)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(500.0)

@@ -1,10 +1,12 @@
 """What moves while the record is taken, and what does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from norton_bench.identification.live import MAY_MOVE, RATES, _Record, drift_of
-from norton_bench.identification.sanity_checks import Blocks
+from norton_bench.identification.sanity_checks import BLOCK_ROWS, Blocks
 from norton_bench.identification.separable import solve
 from norton_bench.identification.shape import COULOMB, GAIN, INERTIA, VISCOUS
 from norton_bench.identification.signals import signals
@@ -26,6 +28,11 @@ def moving():
 
 def test_a_machine_that_stays_the_same_does_not_move(still):
     assert drift_of(still) is None
+
+
+def test_a_record_of_less_than_a_block_tells_of_no_change(still):
+    rows = BLOCK_ROWS - 1
+    assert drift_of(replace(still, jacobian=still.jacobian[:rows], innovation=still.innovation[:rows])) is None
 
 
 def test_only_what_moved_is_followed_and_the_rest_stays(moving):
