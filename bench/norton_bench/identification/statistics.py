@@ -56,7 +56,7 @@ def sandwich(
 def with_lag_as_told(values: FloatArray, covariance: FloatArray, place: int) -> FloatArray:
     """The covariance (p, p) of ``values`` (p,), with a bandwidth β at ``place`` that deviates as far as it may.
 
-    Behind a delay that is estimated, too, a lag shows by the square of its time constant: |1 + iω/β|⁻² = 1 − (ω/β)² + …;
+    Behind a delay that is estimated, too, a lag shows by the square of its time constant: |1 + iω/β|⁻² = 1 − (ω/β)² …;
     what is of first order in ω looks like delay. So it is 1/β² that deviates evenly, and the interval of β reaches
     further up than down; without end where 1/β² may be zero. Now 1.96 deviations reach as far as the upper end.
     """
