@@ -327,14 +327,15 @@ def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: Float
     """The same of an encoder's.
 
     The errors of counts are as if drawn from a step's width over many speeds, but not at each: at half a count a
-    reading they alternate, and their differences show many times their variance. So what they show on the path that was
-    gone is taken off, and their variance put in its place. Noise of less than a count may hide behind that.
+    reading they alternate, and their differences show many times their variance. So what counts add to the path that
+    was gone, which has the other errors still in it, is taken off, and their variance put in its place. Noise of less than a count may hide behind that.
     """
     if position.step == 0.0:
         return _density(position, time_s, usable)
+    path = replace(position, value=path_rad)
     counted = replace(position, value=position.step * np.round(path_rad / position.step))
-    seen, shown = (_density(each, time_s, usable) for each in (position, counted))
-    return float(max(seen - shown, 0.0) + (UNIFORM_DEVIATION * position.step) ** 2 * position.period_s)
+    seen, left, shown = (_density(each, time_s, usable) for each in (position, path, counted))
+    return float(max(seen - max(shown - left, 0.0), 0.0) + (UNIFORM_DEVIATION * position.step) ** 2 * position.period_s)
 
 
 def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:

@@ -34,6 +34,17 @@ def test_counts_that_pass_slowly_have_the_variance_of_a_step_and_not_of_their_di
     assert density == pytest.approx((1 / 12 + noise**2) * step**2 * period_s, rel=0.3)
 
 
+def test_what_is_left_in_the_path_of_a_fine_encoder_is_noise():
+    rng, step, period_s = np.random.default_rng(7), 1e-5, 1e-3
+    time_s = np.arange(20_000) * period_s
+    path = np.sin(3.0 * time_s) + 1e-3 * rng.standard_normal(time_s.size)
+    read = step * np.round(path / step)
+    density = _density_of_counts(
+        TimeSeries(time_s, read, period_s, step), path, time_s, np.ones(time_s.size, dtype=bool)
+    )
+    assert density == pytest.approx(1e-6 * period_s, rel=0.1)
+
+
 def test_shocks_and_what_is_not_chosen_do_not_count():
     rng = np.random.default_rng(4)
     values = 1e-3 * rng.standard_normal(20_000)
