@@ -42,8 +42,8 @@ from norton_bench.identification.statistics import LOOSE_BEYOND, NORMAL_95
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
-# Values and their covariance from a solution and the instants of its rows: (p,), (p, p).
-Physical = Callable[[Solution, FloatArray], tuple[FloatArray, FloatArray]]
+# Values and their covariance from a solution: (p,), (p, p).
+Physical = Callable[[Solution], tuple[FloatArray, FloatArray]]
 
 # Simulated records of one fit. The deviation of a parameter is then known to within a fifth; Student's distribution
 # allows for that.
@@ -109,7 +109,7 @@ class Scatter:
 
 def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
     """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
-    fits = [physical(each, each.regression.time_s()) for each in _solutions(bench)]
+    fits = [physical(each) for each in _solutions(bench)]
     variances = np.array([np.diag(covariance) for _, covariance in fits])
     return Scatter(np.array([values for values, _ in fits]), put_in, np.sqrt(np.mean(variances, axis=0)))
 

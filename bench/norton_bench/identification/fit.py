@@ -31,6 +31,7 @@ from norton_bench.identification.sanity_checks import (
     failed_checks,
     scale_evidence,
     status_of,
+    turns_by_itself,
     why_no_scale,
 )
 from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
@@ -121,7 +122,7 @@ def solution_of(
     determined = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
-    if port is Port.LOAD and not determined:
+    if port is Port.LOAD and (not determined or turns_by_itself(solution, covariance_of(solution))):
         raise ExperimentError(why_no_scale(solution))
     if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)
@@ -151,21 +152,19 @@ def solution_with(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) 
     return solve_composed(near, terms, zero_nm)
 
 
-def covariance_of(solution: Solution, time_s: FloatArray) -> FloatArray:
+def covariance_of(solution: Solution) -> FloatArray:
     """Of the solution's unknowns, linear ones first, as its residual gives it."""
+    time_s = solution.regression.time_s()
     return sandwich(solution.jacobian, solution.innovation, time_s, solution.contamination, solution.linear)
 
 
-def physical(
-    solution: Solution, time_s: FloatArray, covariance: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
+def physical(solution: Solution, covariance: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Values in the order of PHYSICAL, then the two delays and the terms' parameters; and their covariance.
 
     From free motion they are per unit of torque gain, whose own value is then 1. ``covariance`` is that of the
     solution's unknowns, linear ones first; as the residual gives it where it is not told.
     """
-    if covariance is None:
-        covariance = covariance_of(solution, time_s)
+    covariance = covariance_of(solution) if covariance is None else covariance
     shape, columns = solution.shape, len(solution.linear)
     linear, to_linear = _linear_in_torque(solution)
     stiffness = linear[COULOMB] * shape.s_per_rad
@@ -232,7 +231,7 @@ def result_of(
 ) -> FitResult:
     """What a solution says of the motor. Arguments as in fit_signals."""
     regression, target = solution.regression, solution.regression.target()
-    of_unknowns = covariance_of(solution, regression.time_s())
+    of_unknowns = covariance_of(solution)
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     covariance = with_lag_as_told(values, covariance, PHYSICAL.index("amplifier_bandwidth"))
     deviations = np.sqrt(np.diag(covariance))
@@ -272,7 +271,7 @@ def _values(
 
     Free motion is not simulated: its torque is nil, and what is measured of it follows from nothing else.
     """
-    values, covariance = physical(solution, solution.regression.time_s(), of_unknowns)
+    values, covariance = physical(solution, of_unknowns)
     if readings is None or not solution.converged or solution.free_motion:
         return values, covariance, None
     return _simulated(Simulation.of(readings, stretches, solution), values, covariance)

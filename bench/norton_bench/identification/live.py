@@ -323,8 +323,8 @@ class LiveIdentifier:
         shape[list(solution.free)] += drift.change[len(solution.linear) :]
         now = replace(solution, linear=linear, shape=solution.shape.at(shape))
         time_s = solution.regression.time_s()
-        before = physical(solution, time_s)[0]
-        after, covariance = physical(now, time_s, drift.covariance)
+        before = physical(solution)[0]
+        after, covariance = physical(now, drift.covariance)
         moved = []
         names = names_of(solution)
         for estimate in estimates:

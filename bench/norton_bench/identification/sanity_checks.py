@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.separable import DELAY_TICKS, Solution, linear_solution
-from norton_bench.identification.shape import GAIN, INERTIA, LINEAR
+from norton_bench.identification.shape import COULOMB, GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.models.parameters import Status
 
 BLOCK_ROWS = 500
@@ -271,6 +271,7 @@ def _judged(solution: Solution, tick_s: float) -> Iterator[tuple[int, str, float
 # The command must explain this many times what nothing explains, or the port's torque sets no scale: errors in what
 # explains a torque make its scale too small by the square of their share, here by 1/25, which can be taken off.
 LEAST_EVIDENCE = 5.0
+BELOW_ZERO = 3.0  # deviations: one in a thousand by chance
 # Of the torque, rms: a fit leaves hardly more where nothing is wrong.
 LEFT_BY_A_GOOD_FIT = 0.05
 # Deviations to which a residual can be told from the noise in it.
@@ -284,6 +285,13 @@ def scale_evidence(solution: Solution) -> float:
     and the torque between them follows from the motion alone, whatever the command.
     """
     return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
+
+
+def turns_by_itself(solution: Solution, covariance: FloatArray) -> bool:
+    """Whether inertia, damping or friction come out below zero, as no machine's are: then the fit has found the machine
+    across the port, seen from the other side."""
+    at = [INERTIA, VISCOUS, COULOMB]
+    return bool(np.any(solution.linear[at] < -BELOW_ZERO * np.sqrt(np.diag(covariance))[at]))
 
 
 def _of_command_nm(solution: Solution) -> float:

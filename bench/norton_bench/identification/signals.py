@@ -328,7 +328,8 @@ def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: Float
 
     The errors of counts are as if drawn from a step's width over many speeds, but not at each: at half a count a
     reading they alternate, and their differences show many times their variance. So what counts add to the path that
-    was gone, which has the other errors still in it, is taken off, and their variance put in its place. Noise of less than a count may hide behind that.
+    was gone, which has the other errors still in it, is taken off, and their variance put in its place. Noise of less
+    than a count may hide behind that.
     """
     if position.step == 0.0:
         return _density(position, time_s, usable)

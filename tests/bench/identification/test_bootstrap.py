@@ -80,12 +80,12 @@ def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None
     measured = synthetic.experiment(4, free=False)
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
-    values, covariance = physical(solution, solution.regression.time_s())
+    values, covariance = physical(solution)
     bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solution)
     exact = replace(bench, position_errors=NO_ERRORS, torque_errors=NO_ERRORS, travel_s=np.zeros(1))
     record = exact.record(np.random.default_rng(0))
     again = solve_again(signals(record, TICK_S, Use.IDENTIFY), solution)
-    given = physical(again, again.regression.time_s())[0]
+    given = physical(again)[0]
     deviations = (given - values)[:7] / np.sqrt(np.diag(covariance))[:7]
     assert np.all(np.abs(deviations) < 0.5), dict(zip(PHYSICAL, deviations, strict=True))
 
@@ -94,7 +94,7 @@ def test_the_same_recording_gives_the_same_scatter_and_the_size_that_residuals_g
     measured = synthetic.experiment(4, free=False, blocked=False)
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
-    values = physical(solution, solution.regression.time_s())[0]
+    values = physical(solution)[0]
     bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY, draws=6), stretches, solution)
     scatter = scatter_of(bench, values, physical)
     assert np.array_equal(scatter.drawn, scatter_of(bench, values, physical).drawn)

@@ -180,7 +180,7 @@ def test_deviations_follow_from_the_unknowns_by_the_gradient(free_motion):
         at = SimpleNamespace(
             linear=unknowns[:5], shape=Shape.of(unknowns[5:]), free=(0, 1, 2, 3), free_motion=free_motion
         )
-        return physical(at, np.arange(3.0), covariance)
+        return physical(at, covariance)
 
     unknowns = np.concatenate([linear, shape])
     for k, size in enumerate(np.abs(unknowns)):
