@@ -41,14 +41,13 @@ def form_of(network: Network) -> Form:
 
 
 def commands_of(network: Network) -> dict[str, str]:
-    """The unit of each command, by name (c, or c1, c2, … where names are not given)."""
+    """The unit of each command, by name."""
     match network:
         case NortonNetwork():
             return {"c": network.command_unit}
         case NonlinearNetwork():
             return dict(network.command_units)
-    units = network.command_units
-    return {f"c{place}" if len(units) > 1 else "c": unit for place, unit in enumerate(units, start=1)}
+    return network.commands
 
 
 def exertion(network: Network, command: npt.ArrayLike, motion: Motion, tick_s: float) -> FloatArray:
