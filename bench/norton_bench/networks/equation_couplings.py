@@ -8,11 +8,11 @@ connection: their sources add.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equations_of, folded, joined
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.nonlinear import DEVIATIONS, EXERTIONS, MOTIONS, NonlinearNetwork
 from norton_bench.networks.rewriting import names_in, substituted
-from norton_bench.networks.written import MOTION_SOURCE, Names, distinct, equations_of, folded, joined
 
 Range = tuple[float, float]
 # What is the same at both ports, and the form in which outputs add.
