@@ -84,7 +84,7 @@ def convert(
         equivalent = converted(network, *wanted)
     except NoConversionError as error:
         raise NoConversionError(f"{file}: {error}") from error
-    path = out or file.with_name(f"{_stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
+    path = out or file.with_name(f"{stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
     save(equivalent.with_provenance({"converted_from": file.name}), path)
     Output(json).result({"network": path, "type": wanted[0].value, "form": wanted[1].value}, str(path))
     return ExitCode.OK
@@ -97,7 +97,7 @@ def plot(
     from norton_bench.networks.files import load  # noqa: PLC0415
     from norton_bench.networks.plots import save_plot  # noqa: PLC0415
 
-    path = out or file.with_name(f"{_stem(file)}.svg")
+    path = out or file.with_name(f"{stem(file)}.svg")
     if span is not None and not span > 0.0:
         raise UsageError(f"--span {span:g} shows nothing; give a command greater than zero")
     save_plot(load(file), path, span=span, settle_s=_seconds(settle))
@@ -111,7 +111,7 @@ def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: O
     from norton_bench.networks.files import load  # noqa: PLC0415
 
     output = Output(json)
-    path = out or file.with_name(f"{_stem(file)}{ENDINGS[to]}")
+    path = out or file.with_name(f"{stem(file)}{ENDINGS[to]}")
     if rig_file is not None and to != "rig":
         raise UsageError(f"--rig is for --to rig; leave it out with --to {to}")
     try:
@@ -193,7 +193,8 @@ def _seconds(text: str) -> float:
     return value
 
 
-def _stem(file: Path) -> str:
+def stem(file: Path) -> str:
+    """The name of a network file without what network files end with."""
     return file.name.removesuffix(".json").removesuffix(".network")
 
 

@@ -255,7 +255,7 @@ class Operator:
         return next((each for each in candidates if each.order < whole.order and whole.answers_as(each)), whole)
 
     def _without_rounded_derivatives(self) -> "Operator":
-        """Without highest derivatives that would not outweigh the rest at any speed of a mechanism: they are rounding."""
+        """Without highest derivatives that outweigh the rest at no speed of a mechanism: they are rounding."""
         direct = self.direct
         while direct.any():
             rest = np.vstack([direct[:-1], np.zeros_like(direct[:1])])
