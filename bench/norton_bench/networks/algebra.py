@@ -17,6 +17,7 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.networks import equation_couplings, linear_couplings
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import Network, commands_of, converted, form_of, kind_of
+from norton_bench.networks.forms import TABLE
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
@@ -93,20 +94,44 @@ def _summed(networks: Sequence[Network], kind: Kind) -> Network:
     known: list[Network] = [
         converted(each, Kind.THEVENIN, form) if isinstance(each, NortonNetwork) else each for each in networks
     ]
-    if sum(form_of(each) is not form for each in known) > 1:
-        known = [_in_form(each, form) for each in known]
+    attempts = (known, _in_form_that_adds(known, form, but=1), _in_form_that_adds(known, form, but=0))
+    for attempt in attempts[:-1]:
+        try:
+            return _put_together(attempt, kind)
+        except NoConversionError:
+            continue
+    return _put_together(attempts[-1], kind)
+
+
+def _put_together(networks: Sequence[Network], kind: Kind) -> Network:
     try:
-        return equation_couplings.summed([written(each) for each in known], kind)
+        return equation_couplings.summed([written(each) for each in networks], kind)
     except ValueError as error:
         raise NoConversionError(str(error)) from None
 
 
-def _in_form(network: Network, form: Form) -> Network:
-    """A linear network in another form, where it has that."""
+def _in_form_that_adds(networks: Sequence[Network], form: Form, but: int) -> list[Network]:
+    """All but so many, as far as they have it exactly; those with inertia first, which do not answer at once."""
+    result = list(networks)
+    for place in sorted(range(len(result)), key=lambda place: not _has_inertia(result[place])):
+        if sum(form_of(each) is not form for each in result) > but:
+            result[place] = _exactly_in_form(result[place], form)
+    return result
+
+
+def _has_inertia(network: Network) -> bool:
+    if isinstance(network, LinearNetwork):
+        return network.form is Form.IMPEDANCE and network.connection.derivatives > 1
+    return isinstance(network, NonlinearNetwork) and bool({"a", "da"} & set(network.connection.inputs))
+
+
+def _exactly_in_form(network: Network, form: Form) -> Network:
+    """The network in another form, where it has that without a table; else as it is."""
     try:
-        return converted(network, kind_of(network), form) if isinstance(network, LinearNetwork) else network
+        other = converted(network, kind_of(network), form)
     except NoConversionError:
         return network
+    return network if any(name.startswith(TABLE) for name in set(other.provenance) - set(network.provenance)) else other
 
 
 def geared(network: Network, ratio: float) -> Network:

@@ -9,7 +9,8 @@ from norton_bench.networks.nonlinear import DEVIATIONS, MOTIONS, NonlinearNetwor
 from norton_bench.networks.rewriting import names_in, substituted
 
 MOTION_SOURCE = ("x_N", "v_N", "a_N")
-TAKEN = (*FUNCTIONS, *CONSTANTS, *MOTIONS, "f", *MOTION_SOURCE, "f_T", *DEVIATIONS, "df", "f_Z", "x_Y", "v_Y", "a_Y")
+SIGNALS = (*MOTION_SOURCE, "f_T", *DEVIATIONS, "df", *MOTIONS, "f")
+TAKEN = (*FUNCTIONS, *CONSTANTS, *SIGNALS, "f_Z", "x_Y", "v_Y", "a_Y")
 T = TypeVar("T")
 
 
@@ -29,22 +30,22 @@ def joined(network: NonlinearNetwork) -> NonlinearNetwork:
             if name + suffix in outputs and far[name] in network.source.outputs
         }
     rates = {name: substituted(text, instead) for name, text in connection.rates.items()}
-    whole = equations_of(network, outputs, rates, [connection])
+    whole = equations_of(outputs, rates, [connection])
     return replace(network, connection=whole, joined_linearly=False)
 
 
-def equations_of(
-    network: NonlinearNetwork, outputs: Mapping[str, str], rates: Mapping[str, str], parts: Sequence[Equations]
-) -> Equations:
-    """Equations with what ``parts`` have of initial values, parameters and tables, as far as it is used."""
+def equations_of(outputs: Mapping[str, str], rates: Mapping[str, str], parts: Sequence[Equations]) -> Equations:
+    """Equations with what ``parts`` have of initial values, parameters and tables, as far as it is used.
+
+    All other names are inputs: the signals of source and port, and commands.
+    """
     used = names_in([*outputs.values(), *rates.values()])
     parameters = {name: value for part in parts for name, value in part.parameters.items() if name in used}
     tables = {name: table for part in parts for name, table in part.tables.items() if name in used}
     initial = {name: value for part in parts for name, value in part.initial.items() if name in rates}
-    known = {*parameters, *tables, *rates, *FUNCTIONS, *CONSTANTS}
-    order = [*network.source_out, *DEVIATIONS, "df", *MOTIONS, "f", *network.command_units]
-    inputs = tuple(name for name in [*order, *sorted(used - set(order))] if name in used - known)
-    return Equations(inputs, outputs, rates, initial, parameters, tables)
+    taken = used - {*parameters, *tables, *rates, *FUNCTIONS, *CONSTANTS}
+    inputs = sorted(taken, key=lambda name: (SIGNALS.index(name) if name in SIGNALS else len(SIGNALS), name))
+    return Equations(tuple(inputs), outputs, rates, initial, parameters, tables)
 
 
 class Names:
@@ -108,4 +109,4 @@ def folded(network: NonlinearNetwork) -> Equations:
     instead = {name: f"({text})" for name, text in source.outputs.items()}
     outputs = {name: substituted(text, instead) for name, text in connection.outputs.items()}
     rates = {name: substituted(text, instead) for name, text in connection.rates.items()}
-    return equations_of(network, outputs, {**source.rates, **rates}, [source, connection])
+    return equations_of(outputs, {**source.rates, **rates}, [source, connection])

@@ -36,9 +36,9 @@ def summed(networks: Sequence[NonlinearNetwork], kind: Kind) -> NonlinearNetwork
     if len(others) > 1:
         raise NoConversionError(_undecided(kind))
     base = replace(keeper, command_units=_units(own))
-    connection = _added(base, added) if added else others[0]
+    connection = _added(added) if added else others[0]
     if added and others:
-        connection = _closed(base, connection, others[0], kind)
+        connection = _closed(connection, others[0], kind)
     form = own[[each.form is adding for each in own].index(False)].form if others else adding
     return replace(
         base,
@@ -73,23 +73,23 @@ def _of_sources(networks: Sequence[NonlinearNetwork]) -> NonlinearNetwork:
     base = replace(networks[0], command_units=_units(networks))
     return replace(
         base,
-        source=_added(base, [each.source for each in networks]),
-        connection=_added(base, [each.connection for each in networks]),
+        source=_added([each.source for each in networks]),
+        connection=_added([each.connection for each in networks]),
         step_s=min(each.step_s for each in networks),
         domain=_domain(networks, base.kind, base),
         provenance=_provenance(networks),
     )
 
 
-def _added(network: NonlinearNetwork, parts: Sequence[Equations]) -> Equations:
+def _added(parts: Sequence[Equations]) -> Equations:
     """The sum of those outputs that all have."""
     common = [name for name in parts[0].outputs if all(name in part.outputs for part in parts)]
     outputs = {name: " + ".join(f"({part.outputs[name]})" for part in parts) for name in common}
     rates = {name: text for part in parts for name, text in part.rates.items()}
-    return equations_of(network, outputs, rates, parts)
+    return equations_of(outputs, rates, parts)
 
 
-def _closed(network: NonlinearNetwork, adding: Equations, other: Equations, kind: Kind) -> Equations:
+def _closed(adding: Equations, other: Equations, kind: Kind) -> Equations:
     """``other`` takes in what the sum leaves of the port's input, and gives what all have in common.
 
     Common motion: x = Y(f − Z(x)), with its admittance. Common exertion: f = Z(x − Y(f)), with its impedance.
@@ -110,7 +110,7 @@ def _closed(network: NonlinearNetwork, adding: Equations, other: Equations, kind
     rates = {name: substituted(text, share) for name, text in other.rates.items()}
     back = {name: f"({outputs[name]})" for name in back}
     rates |= {name: substituted(text, back) for name, text in adding.rates.items()}
-    return equations_of(network, outputs, rates, [adding, other])
+    return equations_of(outputs, rates, [adding, other])
 
 
 def _looped(kind: Kind) -> str:

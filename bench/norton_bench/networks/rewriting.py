@@ -53,6 +53,19 @@ def linear_in(text: str, name: str) -> tuple[str, str] | None:
     return ("0" if slope is None else ast.unparse(slope)), ("0" if rest is None else ast.unparse(rest))
 
 
+def solved(given: str, slope: str, rest: str) -> str:
+    """The name of which ``given`` is slope*name + rest, in brackets."""
+    above = given if rest == "0" else negative(rest) if given == "0" else f"{given} - ({rest})"
+    if slope in ("1", "-1"):
+        return f"({above if slope == '1' else negative(above)})"
+    return f"(({above})/({slope}))"
+
+
+def negative(text: str) -> str:
+    """The expression with the other sign."""
+    return ast.unparse(_negative(_tree(text)))
+
+
 def slope_of(text: str, name: str) -> str:
     """The derivative with respect to a name. Raises ValueError for a table, and for what has none of its own."""
     slope = _derived(_tree(text), name)
@@ -81,9 +94,9 @@ def _terms(node: ast.expr) -> list[ast.expr]:
         case ast.BinOp(left=left, op=ast.Add(), right=right):
             return [*_terms(left), *_terms(right)]
         case ast.BinOp(left=left, op=ast.Sub(), right=right):
-            return [*_terms(left), *(ast.UnaryOp(ast.USub(), each) for each in _terms(right))]
+            return [*_terms(left), *map(_negative, _terms(right))]
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return [ast.UnaryOp(ast.USub(), each) for each in _terms(operand)]
+            return list(map(_negative, _terms(operand)))
     return [node]
 
 
@@ -168,7 +181,18 @@ def _plus(one: ast.expr | None, other: ast.expr | None) -> ast.expr | None:
 def _minus(one: ast.expr | None, other: ast.expr | None) -> ast.expr | None:
     if other is None:
         return one
-    return ast.UnaryOp(ast.USub(), other) if one is None else ast.BinOp(one, ast.Sub(), other)
+    return _negative(other) if one is None else ast.BinOp(one, ast.Sub(), other)
+
+
+def _negative(node: ast.expr) -> ast.expr:
+    match node:
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return operand
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
+            return ast.BinOp(_negative(left), ast.Sub() if isinstance(op, ast.Add) else ast.Add(), right)
+        case ast.BinOp(left=ast.UnaryOp(op=ast.USub(), operand=left), op=ast.Mult() | ast.Div() as op, right=right):
+            return ast.BinOp(left, op, right)
+    return ast.UnaryOp(ast.USub(), node)
 
 
 def _times(one: ast.expr | None, other: ast.expr | None) -> ast.expr | None:

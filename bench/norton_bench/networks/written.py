@@ -40,6 +40,11 @@ def _of_operators(network: LinearNetwork) -> NonlinearNetwork:
     connection = _equations(
         network.connection, {"port": list(inputs)}, [name + suffix for name in ends], "z", "the connection"
     )
+    if deviates and len(source.outputs) <= network.connection.derivatives:
+        raise NoConversionError(
+            f"the connection answers to derivative {network.connection.derivatives} of the source, where the command "
+            "enters as a derivative, for which equations have no name; convert the network to admittance form first"
+        )
     poles = [abs(pole) for part in (network.source, network.connection) for pole in part.poles()]
     step_s = min(LONGEST_STEP_S, PART_OF_TIME_CONSTANT / max([*poles, 1e-3]))
     return NonlinearNetwork(

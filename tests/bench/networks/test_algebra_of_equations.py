@@ -120,6 +120,21 @@ def test_an_admittance_beside_an_impedance_is_radaus():
     assert found == pytest.approx(expected, abs=1e-6)
 
 
+def test_two_pendulums_on_one_shaft_are_radaus():
+    """Both are admittances; their exertions add as impedances, into which they are solved."""
+    heavier = outward(PENDULUM, Carried(element("J*a", J=0.03)))
+    both = in_parallel(heavier, PENDULUM)
+    commands = np.column_stack([np.full(500, 0.5), np.full(500, 0.2)])
+    found = coupled(both, commands, Load(0.02), TICK_S).position_rad
+    time_s = np.arange(500) * TICK_S
+
+    def rate(_, state):
+        return [state[1], (0.7 - 0.2 * state[1] - 1.6 * np.sin(state[0])) / 0.15]
+
+    expected = solve_ivp(rate, (0, 0.499), [0, 0], "Radau", rtol=1e-10, atol=1e-12, t_eval=time_s).y[0]
+    assert found == pytest.approx(expected, abs=1e-7)
+
+
 def test_a_linear_network_and_one_of_equations_are_radaus():
     """An operator with a state of its own (a Maxwell element) beside the spring of a series-elastic drive."""
     maxwell = Operator.rational([5.0, 0.0], [1.0, 30.0])
@@ -196,15 +211,24 @@ def test_names_that_two_networks_have_stay_apart():
 
 
 STATIC = NonlinearNetwork(
-    Kind.NORTON, Form.ADMITTANCE, Equations(("c",), {"x_N": "c"}), Equations(("x_N", "f"), {"x": "x_N - f"}), {"c": "V"}
+    Kind.NORTON,
+    Form.ADMITTANCE,
+    Equations(("c",), {"x_N": "c"}),
+    Equations(("x_N", "f"), {"x": "x_N - tanh(f)"}),
+    {"c": "V"},
+)
+
+HEAVY = LinearNetwork(
+    Kind.NORTON, Form.IMPEDANCE, Operator.rational([5.0], [1.0, 5.0]), Operator.polynomial(3.0, 0.1, 0.01), ("rad",)
 )
 
 
 @pytest.mark.parametrize(
     ("ask", "says"),
     [
-        (lambda: in_series(PNEUMATIC, series_elastic("K*dx")), "two networks in impedance form take motion in"),
-        (lambda: in_parallel(PENDULUM, PENDULUM), "two networks in admittance form take exertion in"),
+        (lambda: in_series(PNEUMATIC, PNEUMATIC), "two networks in impedance form take motion in"),
+        (lambda: in_series(PNEUMATIC, series_elastic("K*dx")), r"an algebraic loop\); convert both to admittance form"),
+        (lambda: in_parallel(STATIC, STATIC), "two networks in admittance form take exertion in"),
         (lambda: in_parallel(STATIC, element("K*x", K=1.0)), r"an algebraic loop\); convert both to impedance form"),
         (lambda: in_parallel(STATIC, element("B*v", B=1.0)), 'one of the networks must know "v"'),
         (lambda: inward(PENDULUM, Yielding(element("K*x", K=1.0))), "an element must be in admittance form; convert"),
@@ -212,6 +236,10 @@ STATIC = NonlinearNetwork(
         (
             lambda: in_parallel(PNEUMATIC, element(Operator.polynomial(0.0, 0.0, 0.0, 1.0))),
             "answers to derivative 3 of what goes in",
+        ),
+        (
+            lambda: in_parallel(series_elastic("K*dx"), HEAVY),
+            "answers to derivative 2 of the source, where the command enters as a derivative",
         ),
     ],
 )
