@@ -145,7 +145,24 @@ def geared(network: Network, ratio: float) -> Network:
     if isinstance(network, LinearNetwork):
         return linear_couplings.geared(network, ratio)
     whole = converted(network, Kind.THEVENIN, Form.IMPEDANCE) if isinstance(network, NortonNetwork) else network
-    return equation_couplings.geared(written(whole), ratio)
+    try:
+        return equation_couplings.geared(written(whole), ratio)
+    except ValueError as error:
+        raise NoConversionError(str(error)) from None
+
+
+def linked(network: Network, angle: str, **parameters: float) -> Network:
+    """The network beyond a linkage, whose ratio changes with the place: ``angle`` is its own angle, of the outer ``x``.
+
+    A crank, an elliptic gear: ``"x + e*sin(x)"`` with its parameters. The exertion of the outer port is the network's
+    times the slope n(x) of this map (its Jacobian). Gives a Thévenin impedance. Raises UsageError, in a sentence, for
+    an expression without a derivative, NoConversionError for a network that is no Thévenin impedance.
+    """
+    whole = written(converted(network, Kind.THEVENIN, Form.IMPEDANCE))
+    try:
+        return equation_couplings.linked(whole, angle, parameters)
+    except ValueError as error:
+        raise UsageError(f"linkage: {error}") from None
 
 
 def outward(network: Network, *between: Between) -> Network:
@@ -193,7 +210,10 @@ def _sourceless(network: Network) -> Network:
 def _opposed(network: Network, kind: Kind) -> Network:
     if isinstance(network, LinearNetwork):
         return linear_couplings.opposed(network, kind)
-    return equation_couplings.opposed(written(network), kind)
+    try:
+        return equation_couplings.opposed(written(network), kind)
+    except ValueError as error:
+        raise NoConversionError(str(error)) from None
 
 
 def exertion_shares(*impedances: Operator) -> tuple[Operator, ...]:

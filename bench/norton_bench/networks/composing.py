@@ -85,6 +85,12 @@ def renamed(part: Equations, names: Mapping[str, str]) -> Equations:
     )
 
 
+def own_names(network: NonlinearNetwork) -> list[str]:
+    """All that the equations of both parts call their own, and the commands."""
+    parts = (network.source, network.connection)
+    return [*network.command_units, *(name for each in parts for name in (*each.rates, *each.parameters, *each.tables))]
+
+
 def distinct(networks: Sequence[NonlinearNetwork]) -> list[NonlinearNetwork]:
     """The networks under names of which none stands for two things; a command that two have gets a number."""
     names, result = Names(), []

@@ -8,11 +8,11 @@ connection: their sources add.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equations_of, folded, joined
+from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equations_of, folded, joined, own_names
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.nonlinear import DEVIATIONS, EXERTIONS, MOTIONS, NonlinearNetwork
-from norton_bench.networks.rewriting import names_in, substituted
+from norton_bench.networks.rewriting import names_in, slope_of, substituted
 
 Range = tuple[float, float]
 # What is the same at both ports, and the form in which outputs add.
@@ -139,7 +139,7 @@ def _domain(networks: Sequence[NonlinearNetwork], kind: Kind, keeper: NonlinearN
 
 def geared(network: NonlinearNetwork, ratio: float) -> NonlinearNetwork:
     """Motion divided by ``ratio``, exertion multiplied by it; the connection stays linear where it is."""
-    name = Names([*_own(network)]).give("ratio")
+    name = Names(own_names(network)).give("ratio")
     inner = {each: f"({name}*{each})" for each in (*MOTIONS, *MOTION_SOURCE, *DEVIATIONS)}
     inner |= {each: f"({each}/{name})" for each in ("f", "f_T", "df")}
     source, connection = (_geared(part, inner, name, ratio) for part in (network.source, network.connection))
@@ -155,12 +155,6 @@ def _range(one: float, other: float) -> Range:
     return min(one, other), max(one, other)
 
 
-def _own(network: NonlinearNetwork) -> list[str]:
-    parts = (network.source, network.connection)
-    names = [name for part in parts for name in (*part.rates, *part.parameters, *part.tables)]
-    return [*names, *network.command_units]
-
-
 def _geared(part: Equations, inner: Mapping[str, str], name: str, ratio: float) -> Equations:
     outputs = {
         each: f"{name}*({substituted(text, inner)})" if each[0] == "f" else f"({substituted(text, inner)})/{name}"
@@ -168,6 +162,26 @@ def _geared(part: Equations, inner: Mapping[str, str], name: str, ratio: float) 
     }
     rates = {each: substituted(text, inner) for each, text in part.rates.items()}
     return replace(part, outputs=outputs, rates=rates, parameters={**part.parameters, name: ratio})
+
+
+def linked(network: NonlinearNetwork, angle: str, parameters: Mapping[str, float]) -> NonlinearNetwork:
+    """An impedance whose motion is a map of the new port's: exertion times its slope n(x), motion through it."""
+    names = Names(own_names(network))
+    own = {name: names.give(name, value) for name, value in parameters.items()}
+    inner = substituted(Equations(("x",), {"x": angle}, parameters=parameters).outputs["x"], own)
+    ratio = slope_of(inner, "x")
+    bend = slope_of(ratio, "x")
+    moved = {"x": f"({inner})", "v": f"(({ratio})*v)", "a": f"(({ratio})*a + ({bend})*v**2)"}
+    flat = joined(network).connection
+    outputs = {"f": f"({ratio})*({substituted(flat.outputs['f'], moved)})"}
+    rates = {name: substituted(text, moved) for name, text in flat.rates.items()}
+    values = Equations((), {}, parameters={own[name]: value for name, value in parameters.items()})
+    return replace(
+        network,
+        connection=equations_of(outputs, rates, [flat, values]),
+        joined_linearly=False,
+        domain={name: bounds for name, bounds in network.domain.items() if name not in MOTIONS},
+    )
 
 
 def opposed(network: NonlinearNetwork, kind: Kind) -> NonlinearNetwork:

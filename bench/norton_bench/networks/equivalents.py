@@ -18,9 +18,9 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.models.network import NortonNetwork
-from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equations_of, joined, renamed
+from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equations_of, joined, own_names, renamed
 from norton_bench.networks.expressions import Equations
-from norton_bench.networks.forms import in_form, map_of, own_names, range_of, told, with_table
+from norton_bench.networks.forms import in_form, map_of, range_of, told, with_table
 from norton_bench.networks.inverses import Inverse, inverse_of, inverse_of_points, zeros_along
 from norton_bench.networks.kinds import Form, Kind, NoConversionError
 from norton_bench.networks.motor import as_equations

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.networks.composing import MOTION_SOURCE, Names, equations_of
+from norton_bench.networks.composing import MOTION_SOURCE, Names, equations_of, own_names
 from norton_bench.networks.expressions import Equations, Table
 from norton_bench.networks.inverses import Inverse, Range, inverse_beside, inverse_of
 from norton_bench.networks.kinds import Form, NoConversionError
@@ -33,12 +33,6 @@ def in_form(network: NonlinearNetwork, form: Form) -> NonlinearNetwork:
     if form is network.form:
         return network
     return _admittance(network) if form is Form.ADMITTANCE else _impedance(network)
-
-
-def own_names(network: NonlinearNetwork) -> list[str]:
-    """All that the equations of both parts call their own, and the commands."""
-    parts = (network.source, network.connection)
-    return [*network.command_units, *(name for each in parts for name in (*each.rates, *each.parameters, *each.tables))]
 
 
 def _admittance(network: NonlinearNetwork) -> NonlinearNetwork:

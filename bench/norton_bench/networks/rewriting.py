@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping
 
 from norton_bench.networks.expressions import LONGEST
 
+# Functions call themselves a few times for each level.
+DEEPEST = 200
 _ONE = ast.Constant(1)
 # What is multiplied with the argument's slope, of a function of one argument "_".
 _SLOPES = {
@@ -27,7 +29,7 @@ _SLOPES = {
 def substituted(text: str, replacements: Mapping[str, str]) -> str:
     """The expression with names (of tables too) exchanged for expressions, all at once.
 
-    Raises ValueError, in a sentence, where it becomes longer than an expression may be.
+    Raises ValueError, in a sentence, where it becomes longer, or is nested deeper, than can be.
     """
     trees = {name: _tree(other) for name, other in replacements.items()}
     result = ast.unparse(_Exchanged(trees).visit(_tree(text)))
@@ -46,8 +48,9 @@ def linear_in(text: str, name: str) -> tuple[str, str] | None:
 
     The slope is "0" where the expression does not have the name.
     """
+    tree = _tree(text)
     try:
-        slope, rest = _split(_tree(text), name)
+        slope, rest = _split(tree, name)
     except ValueError:
         return None
     return ("0" if slope is None else ast.unparse(slope)), ("0" if rest is None else ast.unparse(rest))
@@ -78,7 +81,14 @@ def summands(text: str) -> list[str]:
 
 
 def _tree(text: str) -> ast.expr:
-    return ast.parse(text.strip(), mode="eval").body
+    """Raises ValueError where brackets, or summands, lie within each other more than ``DEEPEST`` times."""
+    tree = ast.parse(text.strip(), mode="eval").body
+    level: list[ast.AST] = [tree]
+    for _ in range(DEEPEST):
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+        if not level:
+            return tree
+    raise ValueError(f"the equations are nested more than {DEEPEST} deep; simplify them first")
 
 
 class _Exchanged(ast.NodeTransformer):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from norton_bench.errors import UsageError
 from norton_bench.networks.algebra import (
     Carried,
     Gear,
@@ -15,6 +16,7 @@ from norton_bench.networks.algebra import (
     in_parallel,
     in_series,
     inward,
+    linked,
     outward,
 )
 from norton_bench.networks.expressions import Equations
@@ -100,6 +102,25 @@ def test_a_geared_motor_is_radaus(ratio):
         return [whole[0], whole[1], whole[2] * 5e-5 / 8e-5, whole[3]]
 
     expected = radau(rate, [0.0] * 4, 150, command)[:, 1] / ratio
+    assert found.position_rad == pytest.approx(expected, abs=1e-5 * np.ptp(expected))
+
+
+@pytest.mark.parametrize("shape", [(Kind.THEVENIN, Form.IMPEDANCE), (Kind.NORTON, Form.IMPEDANCE)])
+def test_a_motor_behind_an_elliptic_gear_is_radaus(shape):
+    """θ = x + e sin x, n = 1 + e cos x: the motor's inertia comes with n², and n' v² of its acceleration."""
+    command = 0.1 * np.sin(2 * np.pi * 5 * np.arange(150) * TICK_S)
+    beyond = converted(linked(MOTOR, "x + e*sin(x)", e=0.4), *shape)
+    found = coupled(beyond, command, Load(3e-5), TICK_S)
+
+    def rate(_, state, c):
+        tau, x, v, phi = state
+        n, bend = 1 + 0.4 * np.cos(x), -0.4 * np.sin(x)
+        slip = n * v - 500.0 * abs(n * v) * phi
+        inner = tau - 5e-5 * bend * v**2 - 1e-3 * n * v - 10.0 * phi - 0.01 * slip
+        return [600.0 * (0.9 * c - tau), v, n * inner / (3e-5 + 5e-5 * n**2), slip]
+
+    expected = radau(rate, [0.0] * 4, 150, command)[:, 1]
+    assert np.ptp(expected) > 1.0
     assert found.position_rad == pytest.approx(expected, abs=1e-5 * np.ptp(expected))
 
 
@@ -224,10 +245,25 @@ HEAVY = LinearNetwork(
 
 
 @pytest.mark.parametrize(
+    ("angle", "says"),
+    [
+        ("x +", 'linkage: output x: "x \\+" is not an expression'),
+        ("e*x", '"e" in "e\\*x" is not known; known are x'),
+        ("max(x, 0)", "has no derivative in these equations"),
+        ("2**x", "has x in its exponent; write it with exp"),
+    ],
+)
+def test_a_linkage_without_a_ratio_is_one_sentence(angle, says):
+    with pytest.raises(UsageError, match=says):
+        linked(MOTOR, angle)
+
+
+@pytest.mark.parametrize(
     ("ask", "says"),
     [
         (lambda: in_series(PNEUMATIC, PNEUMATIC), "two networks in impedance form take motion in"),
         (lambda: in_series(PNEUMATIC, series_elastic("K*dx")), r"an algebraic loop\); convert both to admittance form"),
+        (lambda: geared(element("+".join(["x"] * 300)), 2.0), "nested more than 200 deep"),
         (lambda: in_parallel(STATIC, STATIC), "two networks in admittance form take exertion in"),
         (lambda: in_parallel(STATIC, element("K*x", K=1.0)), r"an algebraic loop\); convert both to impedance form"),
         (lambda: in_parallel(STATIC, element("B*v", B=1.0)), 'one of the networks must know "v"'),
