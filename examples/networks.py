@@ -1,4 +1,4 @@
-"""Networks as objects: a series-elastic actuator in its four shapes, and a muscle that has only one.
+"""Networks as objects: a series-elastic actuator in its four shapes, a muscle, and an arm that is put together.
 
 python examples/networks.py [FOLDER]
 """
@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from norton_bench.networks.algebra import Carried, element, in_series, outward
 from norton_bench.networks.checks import check
+from norton_bench.networks.equivalents import with_port_source
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import converted, coupled, exertion
 from norton_bench.networks.files import load, save
@@ -22,9 +24,9 @@ TICK_S = 1e-3
 
 
 def series_elastic() -> LinearNetwork:
-    """A position drive of 50 rad/s behind a spring of 3 N m/rad, a damper, and the inertia of the output."""
+    """A position drive of 50 rad/s behind a spring of 3 N m/rad and a damper."""
     source = Operator.rational([50.0], [1.0, 50.0])
-    return LinearNetwork(Kind.NORTON, Form.IMPEDANCE, source, Operator.polynomial(3.0, 0.1, 0.01), ("rad",))
+    return LinearNetwork(Kind.NORTON, Form.IMPEDANCE, source, Operator.polynomial(3.0, 0.1), ("rad",))
 
 
 def muscle() -> NonlinearNetwork:
@@ -49,14 +51,19 @@ def main(folder: Path) -> None:
     network = load(path)
     for finding in check(network):
         print(f"{finding.condition}: {finding.holds}: {finding.why}")
-    free = static_source(network, [0.5]).value[0]
+    rests = static_source(network, [0.5]).value[0]
     blocked = [exertion(network, [0.5], Motion.still(1, place), TICK_S)[0] for place in (0.5, 1.0)]
-    print(f"at c = 0.5 the free port rests at {free:.3f} rad")
+    print(f"at c = 0.5 the free port rests at {rests:.3f} rad")
     print(f"blocked at 0.5 and 1 rad it exerts {blocked[0]:.3f} and {blocked[1]:.3f} N m")
+    thevenin = converted(network, Kind.THEVENIN, Form.IMPEDANCE)
+    print(f"as Thévenin's network: {thevenin.provenance['source']}")
+    arm = with_port_source(outward(elastic, Carried(element("J*a + G*sin(x)", J=0.02, G=0.5))))
+    free = coupled(arm, np.full(4000, 0.4), Load(), TICK_S)
+    print(f"free, the arm with its weight moves to {free.position_rad[-1]:.3f} rad")
     try:
-        converted(network, Kind.THEVENIN, Form.IMPEDANCE)
+        in_series(network, network)
     except NoConversionError as error:
-        print(f"no Thévenin equivalent: {error}")
+        print(f"two muscles in series: {error}")
 
 
 if __name__ == "__main__":

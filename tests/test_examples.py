@@ -76,7 +76,7 @@ def test_own_script_goes_on_until_friction_is_known(tmp_path: Path) -> None:
     assert 1 <= int(rounds) <= 5
 
 
-def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path: Path) -> None:
+def test_networks_shows_one_actuator_in_four_shapes_a_muscle_and_an_arm(tmp_path: Path) -> None:
     said = example("networks.py", folder=tmp_path)
     # A spring that is its source's match is moved half of its way, to within what 1 s leaves of the oscillation.
     places = [float(place) for place in re.findall(r"is moved to (\S+) rad", said)]
@@ -86,7 +86,10 @@ def test_networks_shows_one_actuator_in_four_shapes_and_a_muscle_in_one(tmp_path
     # 0 = (π − θ)² c − K θ at c = 0.5, and the torque beside it.
     assert "rests at 1.225 rad" in said
     assert "exerts 2.739 and 0.793 N m" in said
-    assert "no Thévenin equivalent: a nonlinear network obeys no superposition" in said
+    assert "f_T is what the port exerts that is blocked at 0 rad" in said
+    # K (0.4 − θ) = G sin θ
+    assert "the arm with its weight moves to 0.34" in said
+    assert "two muscles in series: two networks in impedance form take motion in" in said
 
 
 # What each rig can perform, of the sessions that are shipped, or what it lacks.

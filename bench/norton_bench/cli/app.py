@@ -94,13 +94,23 @@ GROUPS = {
         },
     ),
     "network": (
-        "Show, convert, draw or export network files.",
+        "Show, convert, join, draw or export network files.",
         {
             "show": (
                 "norton_bench.cli.network:show",
                 "Show a network, and whether measurements at its port determine it.",
             ),
             "convert": ("norton_bench.cli.network:convert", "Convert a network to another type or form."),
+            "element": (
+                "norton_bench.cli.network_algebra:element",
+                "Write a spring, a damper, a mass, or an impedance of your own.",
+            ),
+            "join": ("norton_bench.cli.network_algebra:join", "Join networks in parallel or in series."),
+            "gear": ("norton_bench.cli.network_algebra:gear", "See a network beyond a gear or lever."),
+            "through": (
+                "norton_bench.cli.network_algebra:through",
+                "See a network through a load or a spring, or without it.",
+            ),
             "export": ("norton_bench.cli.network:export", "Write a network for MuJoCo, as C, or as an FMU."),
             "plot": ("norton_bench.cli.network:plot", "Draw the source and the impedance of a network."),
         },

@@ -73,7 +73,7 @@ def show(file: NetworkFile, /, *, settle: Settle = "1 s", json: Json = False) ->
 def convert(
     file: NetworkFile, /, *, kind: Type = None, form: FormName = None, out: Out = None, json: Json = False
 ) -> int:
-    """Convert a network to its exact equivalent of another type, form, or both."""
+    """Convert a network to its equivalent of another type, form, or both: exact, or by tables that tell their error."""
     from norton_bench.networks.family import converted, form_of, kind_of  # noqa: PLC0415
     from norton_bench.networks.files import load, save  # noqa: PLC0415
     from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
@@ -84,7 +84,7 @@ def convert(
         equivalent = converted(network, *wanted)
     except NoConversionError as error:
         raise NoConversionError(f"{file}: {error}") from error
-    path = out or file.with_name(f"{_stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
+    path = out or file.with_name(f"{stem(file)}.{wanted[0].value}-{wanted[1].value}.json")
     save(equivalent.with_provenance({"converted_from": file.name}), path)
     Output(json).result({"network": path, "type": wanted[0].value, "form": wanted[1].value}, str(path))
     return ExitCode.OK
@@ -97,7 +97,7 @@ def plot(
     from norton_bench.networks.files import load  # noqa: PLC0415
     from norton_bench.networks.plots import save_plot  # noqa: PLC0415
 
-    path = out or file.with_name(f"{_stem(file)}.svg")
+    path = out or file.with_name(f"{stem(file)}.svg")
     if span is not None and not span > 0.0:
         raise UsageError(f"--span {span:g} shows nothing; give a command greater than zero")
     save_plot(load(file), path, span=span, settle_s=_seconds(settle))
@@ -111,7 +111,7 @@ def export(file: NetworkFile, /, *, to: Target, rig_file: IntoRig = None, out: O
     from norton_bench.networks.files import load  # noqa: PLC0415
 
     output = Output(json)
-    path = out or file.with_name(f"{_stem(file)}{ENDINGS[to]}")
+    path = out or file.with_name(f"{stem(file)}{ENDINGS[to]}")
     if rig_file is not None and to != "rig":
         raise UsageError(f"--rig is for --to rig; leave it out with --to {to}")
     try:
@@ -193,7 +193,8 @@ def _seconds(text: str) -> float:
     return value
 
 
-def _stem(file: Path) -> str:
+def stem(file: Path) -> str:
+    """The name of a network file without what network files end with."""
     return file.name.removesuffix(".json").removesuffix(".network")
 
 
@@ -255,19 +256,25 @@ def _term_line(term: dict[str, Any]) -> str:
 
 
 def _equivalents(network: "Network") -> list[dict[str, Any]]:
-    """The four types and forms: whether the network has this equivalent, or why not."""
+    """The four types and forms: whether the network has this equivalent, what its tables are good for, or why not."""
     from norton_bench.networks.family import converted  # noqa: PLC0415
+    from norton_bench.networks.forms import TABLE  # noqa: PLC0415
     from norton_bench.networks.kinds import Form, Kind, NoConversionError  # noqa: PLC0415
 
     equivalents = []
     for kind in Kind:
         for form in Form:
+            tables, why = [], None
             try:
-                converted(network, kind, form)
-                why = None
+                made = converted(network, kind, form).provenance
+                tables = [
+                    text for name, text in made.items() if name.startswith(TABLE) and name not in network.provenance
+                ]
             except NoConversionError as error:
                 why = str(error)
-            equivalents.append({"type": kind.value, "form": form.value, "exists": why is None, "why": why})
+            equivalents.append(
+                {"type": kind.value, "form": form.value, "exists": why is None, "tables": tables, "why": why}
+            )
     return equivalents
 
 
@@ -281,6 +288,6 @@ def _lines(data: dict[str, Any], findings: "tuple[Finding, ...]") -> Iterator[st
     for each in findings:
         yield f"{each.condition}: {VERDICTS[each.holds]}: {each.why}"
     for each in data["equivalents"]:
-        yield f"{each['type']}, {each['form']}: {'exact' if each['exists'] else each['why']}"
+        yield f"{each['type']}, {each['form']}: {each['why'] or '; '.join(each['tables']) or 'exact'}"
     for name, text in data["provenance"].items():
         yield f"{name}: {text}"

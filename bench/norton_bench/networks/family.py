@@ -9,7 +9,8 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.networks import linear, nonlinear
-from norton_bench.networks.kinds import Form, Kind, Load, Motion, NoConversionError
+from norton_bench.networks.equivalents import equivalent
+from norton_bench.networks.kinds import Form, Kind, Load, Motion
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.nonlinear import NonlinearNetwork
@@ -41,14 +42,13 @@ def form_of(network: Network) -> Form:
 
 
 def commands_of(network: Network) -> dict[str, str]:
-    """The unit of each command, by name (c, or c1, c2, … where names are not given)."""
+    """The unit of each command, by name."""
     match network:
         case NortonNetwork():
             return {"c": network.command_unit}
         case NonlinearNetwork():
             return dict(network.command_units)
-    units = network.command_units
-    return {f"c{place}" if len(units) > 1 else "c": unit for place, unit in enumerate(units, start=1)}
+    return network.commands
 
 
 def exertion(network: Network, command: npt.ArrayLike, motion: Motion, tick_s: float) -> FloatArray:
@@ -93,7 +93,10 @@ def coupled(network: Network, command: npt.ArrayLike, load: Load, tick_s: float)
 
 
 def converted(network: Network, kind: Kind, form: Form) -> Network:
-    """The exact equivalent of another type or form. Raises NoConversionError, in a sentence that says why."""
+    """The equivalent of another type or form: exact, or by a table whose error its provenance tells.
+
+    Raises NoConversionError, in a sentence that says why there is none.
+    """
     if (kind, form) == (kind_of(network), form_of(network)):
         return network
     match network:
@@ -101,10 +104,7 @@ def converted(network: Network, kind: Kind, form: Form) -> Network:
             return network.converted(kind, form)
         case NortonNetwork():
             return as_equations(network, kind, form)
-    raise NoConversionError(
-        "a nonlinear network obeys no superposition, so source and connection cannot be exchanged or inverted in "
-        f"general; keep it {kind_of(network).value}, in {form_of(network).value} form"
-    )
+    return equivalent(network, kind, form)
 
 
 def _commands(network: Network, command: npt.ArrayLike, ticks: int | None) -> FloatArray:

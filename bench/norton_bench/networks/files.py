@@ -153,12 +153,11 @@ def _table(content: Mapping[str, Any]) -> Table:
 
 
 def _linear_json(network: LinearNetwork) -> dict[str, Any]:
-    names = [f"c{place}" for place in range(1, len(network.command_units) + 1)]
     return {
         "equations": "linear",
         "type": network.kind.value,
         "form": network.form.value,
-        "commands": dict(zip(names if len(names) > 1 else ["c"], network.command_units, strict=True)),
+        "commands": network.commands,
         "source": _operator_json(network.source),
         "connection": _operator_json(network.connection),
     }

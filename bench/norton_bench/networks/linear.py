@@ -10,7 +10,7 @@ Norton      f = Z (x_N(c) − x)    x = x_N(c) − Y f
 Z = Y⁻¹ and f_T = Z x_N. Exertion f is a torque [N m] and motion x an angle [rad]; power flows out of the network.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,6 +55,12 @@ class LinearNetwork:
         return cls(kind, form, to_angle, angled, command_units)
 
     @property
+    def commands(self) -> dict[str, str]:
+        """The unit of each command, by name: c, or c1, c2, … where there are several."""
+        several = len(self.command_units) > 1
+        return {f"c{place}" if several else "c": unit for place, unit in enumerate(self.command_units, start=1)}
+
+    @property
     def impedance(self) -> Operator:
         """Z: motion in, exertion out. Raises NoConversionError where the admittance is zero."""
         return self.connection if self.form is Form.IMPEDANCE else _inverse(self.connection, "admittance")
@@ -75,11 +81,8 @@ class LinearNetwork:
 
     def _other_source(self) -> Operator:
         if self.kind is Kind.THEVENIN:
-            path, what = self.admittance, "the port left free runs away ({}), so it has no motion source"
-        else:
-            path, what = self.impedance, "the port held still builds up exertion ({}), so it has no exertion source"
-        source = path.after(self.source).minimal()
-        return _bounded(source, what.format)
+            return bounded(self.admittance.after(self.source).minimal(), Kind.NORTON)
+        return bounded(self.impedance.after(self.source).minimal(), Kind.THEVENIN)
 
     def with_provenance(self, provenance: Mapping[str, str]) -> "LinearNetwork":
         """The same network, with more said of where it comes from."""
@@ -101,14 +104,20 @@ def _inverse(connection: Operator, name: str) -> Operator:
         ) from None
 
 
-def _bounded(source: Operator, why: Callable[[str], str]) -> Operator:
+_RUNS_AWAY = {
+    Kind.NORTON: "the port left free runs away (a mode at s = {} rad/s), so it has no motion source",
+    Kind.THEVENIN: "the port held still builds up exertion (a mode at s = {} rad/s), so it has no exertion source",
+}
+
+
+def bounded(source: Operator, kind: Kind) -> Operator:
     """Raises NoConversionError for a source that grows: what no load could hold, for it lies outside the loop."""
     poles = source.poles()
     if stable(poles):
         return source
     worst = poles[poles.real.argmax()]
     place = f"{worst.real:.4g}" + (f" ± {abs(worst.imag):.4g}i" if abs(worst.imag) > 1e-9 * abs(worst.real) else "")
-    raise NoConversionError(f"{why(f'a mode at s = {place} rad/s')}; keep the type that it has")
+    raise NoConversionError(f"{_RUNS_AWAY[kind].format(place)}; keep the type that it has")
 
 
 # Linear networks in time: exact for commands that are held from tick to tick and port signals linear in between.
@@ -116,9 +125,9 @@ def joint(network: LinearNetwork) -> Operator:
     """The network as one operator: commands and, last, the port's input (x or f); out comes the other (f or x)."""
     source, connection = network.source, network.connection
     if (network.kind is Kind.NORTON) == (network.form is Form.IMPEDANCE):
-        deviation = _widened(source, after=1) + _widened(Operator.gains(-1.0), before=source.inputs)
+        deviation = widened(source, after=1) + widened(Operator.gains(-1.0), before=source.inputs)
         return connection.after(deviation)
-    return _widened(source, after=1) + _widened(-connection, before=source.inputs)
+    return widened(source, after=1) + widened(-connection, before=source.inputs)
 
 
 def respond(operator: Operator, commands: FloatArray, port: FloatArray, tick_s: float) -> FloatArray:
@@ -210,7 +219,7 @@ def _steps(operator: Operator, m: int, tick_s: float) -> FloatArray:
     return np.asarray(expm(flow * tick_s)[:n])
 
 
-def _widened(operator: Operator, before: int = 0, after: int = 0) -> Operator:
+def widened(operator: Operator, before: int = 0, after: int = 0) -> Operator:
     """The same operator with inputs beside its own that it does not mind."""
     sides = ((0, 0), (before, after))
     return Operator(operator.state, np.pad(operator.entry, sides), operator.exit, np.pad(operator.direct, sides))

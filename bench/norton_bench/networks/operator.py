@@ -17,10 +17,14 @@ from norton_bench.arrays import ComplexArray, FloatArray
 
 # A sum is taken for zero where its terms cancel to this part of their size.
 CANCELLED = 1e-10
+# A row does not meet a column of which it has no more than this part of their sizes.
+ROUNDING = 1e-15
 # Directions weaker than this, beside the one they come from, are tried to be left out; strongest pruning first.
 RANKS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 # Two operators with responses as near as this are one.
 SAME = 1e-8
+# No mechanism is as fast as this.
+FASTEST_RAD_S = 1e12
 _NOTHING = (np.zeros((0, 0)), (np.ones(0), None))
 
 
@@ -110,7 +114,8 @@ class Operator:
     def response(self, s: npt.ArrayLike) -> ComplexArray:
         """The transfer function at complex frequencies ``s`` (k,) [rad/s]: shape (k, m)."""
         points = np.atleast_1d(np.asarray(s, dtype=complex))
-        value = np.array([np.polyval(row[::-1], points) for row in self.direct.T]).T.astype(complex)
+        columns = [np.polyval(row[::-1], points) for row in self.direct.T]
+        value = np.array(columns, dtype=complex).reshape(self.inputs, points.size).T.copy()
         if self.order:
             state, (scale, _) = matrix_balance(self.state, permute=False, separate=True)
             pencils = points[:, None, None] * np.eye(self.order) - state
@@ -205,7 +210,8 @@ class Operator:
         back = np.linalg.inv(np.vstack([*chain, inner]))
         # η̇ = Q η + P (y, ẏ, …), u = (y⁽ʳ⁾ − C Aʳ w)/lead, with w = back (y, ẏ, …, η).
         rates = inner @ self.state @ back
-        row = -(chain[-1] @ self.state @ back) / lead
+        through = np.abs(chain[-1]) @ np.abs(self.state) @ np.abs(back)
+        row = -_cleared(chain[-1] @ self.state @ back, through) / lead
         rest = rates[:, relative:]
         states = driven(rest, [rates[:, i : i + 1] for i in range(relative)], row[relative:])
         own = _polynomial(np.append(row[:relative], 1.0 / lead).reshape(-1, 1))
@@ -217,7 +223,8 @@ class Operator:
         for _ in range(self.order):
             chain.append(row)
             lead = float(row @ self.entry[:, 0])
-            if abs(lead) > CANCELLED * float(size @ np.abs(self.entry[:, 0])):
+            rounding = ROUNDING * float(np.linalg.norm(row) * np.linalg.norm(self.entry))
+            if abs(lead) > max(CANCELLED * float(size @ np.abs(self.entry[:, 0])), rounding):
                 return chain, lead
             row, size = row @ self.state, size @ np.abs(self.state)
         raise ZeroDivisionError("the operator is zero")
@@ -242,20 +249,32 @@ class Operator:
 
         The smallest that answers as this one does, within ``SAME`` at frequencies around all poles, is returned.
         """
+        whole = self._without_rounded_derivatives()
         # First none of them: what they show may be rounding, beside the polynomial.
-        candidates = (_polynomial(self.direct), *(self._without(rank) for rank in RANKS))
-        return next((each for each in candidates if each.order < self.order and self.answers_as(each)), self)
+        candidates = (_polynomial(whole.direct), *(whole._without(rank) for rank in RANKS))
+        return next((each for each in candidates if each.order < whole.order and whole.answers_as(each)), whole)
+
+    def _without_rounded_derivatives(self) -> "Operator":
+        """Without highest derivatives that outweigh the rest at no speed of a mechanism: they are rounding."""
+        direct = self.direct
+        while direct.any():
+            rest = np.vstack([direct[:-1], np.zeros_like(direct[:1])])
+            slow = Operator(self.state, self.entry, self.exit, _trimmed(rest))
+            weight = np.abs(direct[-1]) * FASTEST_RAD_S ** (len(direct) - 1)
+            if not np.all(weight <= np.abs(slow.response(1j * FASTEST_RAD_S)[0])):
+                break
+            direct = slow.direct
+        return Operator(self.state, self.entry, self.exit, direct)
 
     def _without(self, rank: float) -> "Operator":
         balanced, (scale, _) = matrix_balance(self.state, permute=False, separate=True) if self.order else _NOTHING
         entry, exit_row = self.entry / scale[:, None], self.exit * scale
         reached = _reached(np.asarray(balanced, dtype=float), entry, rank)
         size = float(np.linalg.norm(exit_row))
-        state, entry, exit_row = reached.T @ balanced @ reached, reached.T @ entry, exit_row @ reached
+        state, entry, exit_row = _projected(np.asarray(balanced, dtype=float), entry, exit_row, reached)
         # What is left of the row by rounding alone shows nothing.
         shown = exit_row[:, None] if np.linalg.norm(exit_row) > rank * size else np.zeros((len(state), 0))
-        seen = _reached(state.T, shown, rank)
-        return Operator(seen.T @ state @ seen, seen.T @ entry, exit_row @ seen, self.direct)
+        return Operator(*_projected(state, entry, exit_row, _reached(state.T, shown, rank)), self.direct)
 
     def answers_as(self, other: "Operator", tolerance: float = SAME) -> bool:
         """Whether both have one transfer function, judged off the axis at frequencies around the poles of both."""
@@ -264,7 +283,7 @@ class Operator:
         low, high = (speeds.min(), speeds.max()) if speeds.size else (1.0, 1.0)
         points = np.geomspace(low / 30.0, high * 30.0, 25) * np.exp(1.1j)
         mine, its = self.response(points), other.response(points)
-        return bool(np.all(np.abs(mine - its) <= tolerance * np.abs(mine).max(axis=1, keepdims=True)))
+        return bool(np.all(np.abs(mine - its) <= tolerance * np.abs(mine).max(axis=1, keepdims=True, initial=0.0)))
 
 
 def driven(state: FloatArray, entries: Sequence[FloatArray], exit_row: FloatArray) -> Operator:
@@ -272,17 +291,31 @@ def driven(state: FloatArray, entries: Sequence[FloatArray], exit_row: FloatArra
     # (s − A)⁻¹ sⁱ = Aⁱ (s − A)⁻¹ + Σ_{j<i} Aⁱ⁻¹⁻ʲ sʲ
     entry, size = entries[0], np.abs(entries[0])
     direct = np.zeros((max(len(entries) - 1, 1), entries[0].shape[1]))
+    sizes = np.zeros_like(direct)
     for i, each in enumerate(entries[1:], start=1):
         moved, bound = each, np.abs(each)
         for j in range(i - 1, -1, -1):
             direct[j] += exit_row @ moved
+            sizes[j] += np.abs(exit_row) @ bound
             moved, bound = state @ moved, np.abs(state) @ bound
         entry, size = entry + moved, size + bound
-    return Operator(state, _cleared(entry, size), exit_row, _trimmed(direct))
+    return Operator(state, _cleared(entry, size), exit_row, _trimmed(_cleared(direct, sizes)))
 
 
 def _polynomial(direct: FloatArray) -> Operator:
     return Operator(np.zeros((0, 0)), np.zeros((0, direct.shape[1])), np.zeros(0), direct)
+
+
+def _projected(
+    state: FloatArray, entry: FloatArray, exit_row: FloatArray, basis: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The system in the directions of ``basis``; what cancels there is zero, or an inverse would take it for a gain."""
+    across, size = basis.T, np.abs(basis)
+    return (
+        across @ state @ basis,
+        _cleared(across @ entry, size.T @ np.abs(entry)),
+        _cleared(exit_row @ basis, np.abs(exit_row) @ size),
+    )
 
 
 def _reached(state: FloatArray, entry: FloatArray, rank: float) -> FloatArray:

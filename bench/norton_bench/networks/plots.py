@@ -132,6 +132,11 @@ def _shown(network: NonlinearNetwork, commands: FloatArray) -> list[dict[str, fl
 
 def _bode(axes: Sequence[Axes], network: Network, settle_s: float) -> None:
     connection = _operator(network, settle_s)
+    if connection.vanishes:
+        raise UsageError(
+            "around its settled source the port answers nothing, as beyond the range of a table: there is no "
+            "connection to show; convert the network to the other type"
+        )
     speeds = np.abs(np.concatenate([connection.poles(), connection.zeros()]))
     speeds = speeds[speeds > 1e-6 * speeds.max(initial=0.0)]
     low, high = (speeds.min(), speeds.max()) if speeds.size else (1.0, 100.0)

@@ -43,6 +43,8 @@ def static_source(
     """
     levels = np.atleast_1d(np.asarray(command, dtype=float))
     names = tuple(commands_of(network))
+    if not names:
+        raise UsageError("the network has no command, so there is no source to show; it is an element")
     varied = name or names[0]
     if varied not in names:
         raise UsageError(f'the network has no command "{varied}"; it has {", ".join(names)}')

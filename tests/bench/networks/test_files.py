@@ -9,6 +9,7 @@ from matplotlib import image
 
 from norton_bench.errors import UsageError
 from norton_bench.networks.expressions import Equations, Table
+from norton_bench.networks.family import converted
 from norton_bench.networks.files import load, save
 from norton_bench.networks.kinds import Form, Kind
 from norton_bench.networks.nonlinear import NonlinearNetwork
@@ -61,6 +62,13 @@ def test_every_network_can_be_drawn(network, tmp_path):
 def test_the_drawn_source_is_the_motors_three_branches():
     line = plot(MOTOR).axes[0].lines[0]
     assert line.get_ydata() == pytest.approx(MOTOR.source_velocity(line.get_xdata()))
+
+
+def test_a_table_that_ends_before_the_source_is_one_sentence(tmp_path):
+    """What blocks the muscle is more than the table of its motion reaches."""
+    beyond = converted(PNEUMATIC, Kind.THEVENIN, Form.ADMITTANCE)
+    with pytest.raises(UsageError, match="the port answers nothing, as beyond the range of a table"):
+        save_plot(beyond, tmp_path / "n.png")
 
 
 def test_a_picture_in_no_known_format_is_one_sentence(tmp_path):

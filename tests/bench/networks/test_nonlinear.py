@@ -167,11 +167,12 @@ def test_the_blocked_port_is_ambiguous_by_twice_coulomb_and_the_free_one_is_not(
     assert free == pytest.approx([float(MOTOR.source_velocity(command))] * 2, abs=5e-3)
 
 
-def test_a_nonlinear_network_has_no_other_shape():
-    assert converted(PNEUMATIC, Kind.NORTON, Form.IMPEDANCE) is PNEUMATIC
-    for shape in [(Kind.THEVENIN, Form.IMPEDANCE), (Kind.NORTON, Form.ADMITTANCE)]:
+def test_a_modulated_network_has_no_other_type():
+    """Its stiffness is no part of the source, nor of the port: neither tells what the other gave."""
+    assert converted(VARIABLE, Kind.NORTON, Form.IMPEDANCE) is VARIABLE
+    for form in Form:
         with pytest.raises(NoConversionError, match="obeys no superposition"):
-            converted(PNEUMATIC, *shape)
+            converted(VARIABLE, Kind.THEVENIN, form)
 
 
 def test_the_linearised_spring_is_the_spring():
