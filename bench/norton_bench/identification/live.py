@@ -322,7 +322,6 @@ class LiveIdentifier:
         linear, shape = solution.linear + drift.change[: len(solution.linear)], solution.shape.as_array()
         shape[list(solution.free)] += drift.change[len(solution.linear) :]
         now = replace(solution, linear=linear, shape=solution.shape.at(shape))
-        time_s = solution.regression.time_s()
         before = physical(solution)[0]
         after, covariance = physical(now, drift.covariance)
         moved = []
