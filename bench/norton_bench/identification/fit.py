@@ -28,10 +28,10 @@ from norton_bench.identification.sanity_checks import (
     LEAST_EVIDENCE,
     FailedCheck,
     beyond_noise,
+    comes_out_negative,
     failed_checks,
     scale_evidence,
     status_of,
-    turns_by_itself,
     why_no_scale,
 )
 from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
@@ -122,7 +122,7 @@ def solution_of(
     determined = measured and scale_evidence(solution) >= LEAST_EVIDENCE * (
         beyond_noise(solution) ** 0.5 if both_driven or port is Port.LOAD else 1.0
     )
-    if port is Port.LOAD and (not determined or turns_by_itself(solution, covariance_of(solution))):
+    if port is Port.LOAD and (not determined or comes_out_negative(solution, covariance_of(solution))):
         raise ExperimentError(why_no_scale(solution))
     if measured and not determined:
         solution = solve(stretches, free_motion=True, roughly=doubtful, cogging=cogging)

@@ -287,7 +287,7 @@ def scale_evidence(solution: Solution) -> float:
     return _of_command_nm(solution) / float(np.sqrt(np.mean(solution.innovation**2)))
 
 
-def turns_by_itself(solution: Solution, covariance: FloatArray) -> bool:
+def comes_out_negative(solution: Solution, covariance: FloatArray) -> bool:
     """Whether inertia, damping or friction come out below zero, as no machine's are: then the fit has found the machine
     across the port, seen from the other side."""
     at = [INERTIA, VISCOUS, COULOMB]

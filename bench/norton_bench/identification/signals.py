@@ -319,8 +319,12 @@ def _ends_of_rests(moves: BoolArray, tick_s: float) -> IntArray:
 
 def _density(stream: TimeSeries, time_s: FloatArray, usable: BoolArray) -> float:
     """Of the readings' own errors, where they are used."""
-    chosen = np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5
-    return noise_deviation(stream.value, chosen) ** 2 * stream.period_s
+    return noise_deviation(stream.value, _used(stream, time_s, usable)) ** 2 * stream.period_s
+
+
+def _used(stream: TimeSeries, time_s: FloatArray, usable: BoolArray) -> BoolArray:
+    """Which of the readings are, (n,)."""
+    return np.asarray(np.interp(stream.time_s, time_s, usable, left=0.0, right=0.0) > 0.5)
 
 
 def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: FloatArray, usable: BoolArray) -> float:
@@ -333,10 +337,10 @@ def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: Float
     """
     if position.step == 0.0:
         return _density(position, time_s, usable)
-    path = replace(position, value=path_rad)
-    counted = replace(position, value=position.step * np.round(path_rad / position.step))
-    seen, left, shown = (_density(each, time_s, usable) for each in (position, path, counted))
-    return float(max(seen - max(shown - left, 0.0), 0.0) + (UNIFORM_DEVIATION * position.step) ** 2 * position.period_s)
+    chosen, counted = _used(position, time_s, usable), position.step * np.round(path_rad / position.step)
+    seen, left, shown = (noise_deviation(each, chosen) ** 2 for each in (position.value, path_rad, counted))
+    variance = max(seen - max(shown - left, 0.0), 0.0) + (UNIFORM_DEVIATION * position.step) ** 2
+    return float(variance * position.period_s)
 
 
 def _segments(measured: Measured, origin_ns: int, time_s: FloatArray, use: Use) -> tuple[IntArray, BoolArray]:

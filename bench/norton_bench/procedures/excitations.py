@@ -4,7 +4,7 @@ Every excitation begins and ends at rest in the same place, with zero command, s
 
 Plans are made smaller until they keep to every limit of the rig, by what has been measured so far."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -325,38 +325,38 @@ def travel_left_rad(records: Sequence[Measured], rig: Rig) -> float:
     return limit_rad - abs(float(stood_rad[-1] - stood_rad[0]))
 
 
+def _shrunk(allowed: Callable[[float], bool]) -> float:
+    """The share of a plan's size that is ``allowed``; the least one where none is."""
+    share = 1.0
+    while share > LEAST and not allowed(share):
+        share *= PLAN_SHRINKS
+    return share
+
+
 def imposed_within(bounds: PlanBounds | None, command: FloatArray, motion: Motion) -> Sized:
     """Command and imposed motion, made smaller until the limits allow them."""
-    share = 1.0
-    while bounds is not None and share > LEAST and not bounds.allow(share * command, motion.scaled(share), SHARE):
-        share *= PLAN_SHRINKS
+    share = _shrunk(lambda share: bounds is None or bounds.allow(share * command, motion.scaled(share), SHARE))
     return Sized(share * command, motion.scaled(share), share)
 
 
 def held_within(bounds: PlanBounds | None, command: FloatArray, motion: Motion) -> Sized:
     """The same for a small motion: only the command is made smaller."""
-    share = 1.0
-    while bounds is not None and share > LEAST and not bounds.allow(share * command, motion, SHARE):
-        share *= PLAN_SHRINKS
+    share = _shrunk(lambda share: bounds is None or bounds.allow(share * command, motion, SHARE))
     return Sized(share * command, motion, share)
 
 
 def free_within(bounds: PlanBounds | None, command: FloatArray) -> float:
     """The share of ``command`` (ticks,) for which the free motion, and the torque for the load to follow, stay
     inside."""
-    share = 1.0
-    while bounds is not None and share > LEAST and not bounds.allow_free(share * command, SHARE):
-        share *= PLAN_SHRINKS
-    return share
+    return _shrunk(lambda share: bounds is None or bounds.allow_free(share * command, SHARE))
 
 
 def pushed_within(bounds: PlanBounds | None, load_nm: FloatArray, command: FloatArray) -> SizedPush:
     """A torque of the load and a command for a servo, made smaller until the limits allow what they make of it."""
-    share = 1.0
-    if bounds is not None:
-        motion = bounds.pushed_motion(load_nm, command)
-        while share > LEAST and not bounds.allow_pushed(share * command, motion.scaled(share), SHARE):
-            share *= PLAN_SHRINKS
+    if bounds is None:
+        return SizedPush(load_nm, command, 1.0)
+    motion = bounds.pushed_motion(load_nm, command)
+    share = _shrunk(lambda share: bounds.allow_pushed(share * command, motion.scaled(share), SHARE))
     return SizedPush(share * load_nm, share * command, share)
 
 
