@@ -13,7 +13,7 @@ from norton_bench.procedures.excitations import Sized, bounds_of, imposed_multis
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
-from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, plans_for
+from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, SHAKEN, plans_for
 from norton_bench.procedures.waves import (
     hold,
     imposed,
@@ -73,7 +73,7 @@ class ImposedProcedure:
             yield imposed(self.name, name, Use.IDENTIFY, sized.command, sized.motion)
         if (servo := plans_for(known.rig)) is not None:
             for shake in servo.shakes(known, self.options.duration_s, SHAKEN_SEED):
-                yield pushed(self.name, "shaken", Use.IDENTIFY, shake.load_nm, shake.command)
+                yield pushed(self.name, SHAKEN, Use.IDENTIFY, shake.load_nm, shake.command)
             if (limit := servo.limit(known)) is not None:
                 yield imposed(self.name, LIMIT_STRETCH, Use.IDENTIFY, *limit)
         yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
@@ -81,8 +81,7 @@ class ImposedProcedure:
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
         shares = [(name, sized.share) for name, sized in self._stretches(known)]
         if (servo := plans_for(known.rig)) is not None:
-            shakes = servo.shakes(known, self.options.duration_s, SHAKEN_SEED)
-            shares.append(("shaken", min(each.share for each in shakes)))
+            shares.append(servo.shaken_share(known, self.options.duration_s, SHAKEN_SEED))
         smaller = (words_for(f"{self.name}, {name}:", share) for name, share in shares)
         return (*_gentler(known), *chain.from_iterable(smaller))
 

@@ -11,7 +11,7 @@ from norton_bench.procedures.servo_room import SHAKES
 from norton_bench.procedures.waves import Motion
 from norton_bench.rig.rig import Rig
 
-LIMIT_STRETCH = "limit"
+LIMIT_STRETCH, SHAKEN = "limit", "shaken"
 Loops = tuple[tuple[float, float, int], ...]
 
 
@@ -28,6 +28,10 @@ class ServoPlans:
     def shakes(self, known: Knowledge, duration_s: float, seed: int) -> tuple[SizedPush, ...]:
         """Some of them, each half as long as the multisine's ``duration_s``."""
         return tuple(self.shaken(known, 0.5 * duration_s, seed + 2 * each) for each in range(SHAKES))
+
+    def shaken_share(self, known: Knowledge, duration_s: float, seed: int) -> tuple[str, float]:
+        """Their name, and the share of its usual size of the smallest."""
+        return SHAKEN, min(each.share for each in self.shakes(known, duration_s, seed))
 
 
 _OF_POSITION = ServoPlans(

@@ -18,7 +18,7 @@ from norton_bench.procedures.excitations import (
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_model
 from norton_bench.procedures.options import ValidateOptions
-from norton_bench.procedures.plans_of_servos import plans_for
+from norton_bench.procedures.plans_of_servos import SHAKEN, plans_for
 from norton_bench.procedures.servo_plans import free_goal
 from norton_bench.procedures.waves import hold, imposed, pushed, ramp, sine_motion, velocity_steps, zero_torque
 from norton_bench.records import Measured
@@ -70,7 +70,7 @@ class ValidateProcedure:
                 yield imposed(self.name, name, Use.VALIDATE, sized.command, sized.motion)
             if (servo := plans_for(rig)) is not None:
                 for shake in servo.shakes(known, self.options.duration_s, SHAKEN_SEED):
-                    yield pushed(self.name, "shaken", Use.VALIDATE, shake.load_nm, shake.command)
+                    yield pushed(self.name, SHAKEN, Use.VALIDATE, shake.load_nm, shake.command)
             yield imposed(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
@@ -78,8 +78,7 @@ class ValidateProcedure:
         if known.rig.wiring.load is not None:
             shares += [(name, sized.share) for name, sized in self._driven(known)]
             if (servo := plans_for(known.rig)) is not None:
-                shakes = servo.shakes(known, self.options.duration_s, SHAKEN_SEED)
-                shares.append(("shaken", min(each.share for each in shakes)))
+                shares.append(servo.shaken_share(known, self.options.duration_s, SHAKEN_SEED))
         return tuple(sentence for name, share in shares for sentence in words_for(f"{self.name}, {name}:", share))
 
     def _free(self, known: Knowledge) -> FloatArray:
