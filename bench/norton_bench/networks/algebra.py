@@ -18,7 +18,7 @@ from norton_bench.networks import equation_couplings, linear_couplings
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.family import Network, commands_of, converted, form_of, kind_of
 from norton_bench.networks.forms import TABLE
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks.kinds import Form, Kind, NoConversionError, told_as_no_conversion
 from norton_bench.networks.linear import LinearNetwork
 from norton_bench.networks.nonlinear import NonlinearNetwork
 from norton_bench.networks.operator import Operator
@@ -104,10 +104,8 @@ def _summed(networks: Sequence[Network], kind: Kind) -> Network:
 
 
 def _put_together(networks: Sequence[Network], kind: Kind) -> Network:
-    try:
+    with told_as_no_conversion():
         return equation_couplings.summed([written(each) for each in networks], kind)
-    except ValueError as error:
-        raise NoConversionError(str(error)) from None
 
 
 def _in_form_that_adds(networks: Sequence[Network], form: Form, but: int) -> list[Network]:
@@ -145,10 +143,8 @@ def geared(network: Network, ratio: float) -> Network:
     if isinstance(network, LinearNetwork):
         return linear_couplings.geared(network, ratio)
     whole = converted(network, Kind.THEVENIN, Form.IMPEDANCE) if isinstance(network, NortonNetwork) else network
-    try:
+    with told_as_no_conversion():
         return equation_couplings.geared(written(whole), ratio)
-    except ValueError as error:
-        raise NoConversionError(str(error)) from None
 
 
 def linked(network: Network, angle: str, **parameters: float) -> Network:
@@ -210,10 +206,8 @@ def _sourceless(network: Network) -> Network:
 def _opposed(network: Network, kind: Kind) -> Network:
     if isinstance(network, LinearNetwork):
         return linear_couplings.opposed(network, kind)
-    try:
+    with told_as_no_conversion():
         return equation_couplings.opposed(written(network), kind)
-    except ValueError as error:
-        raise NoConversionError(str(error)) from None
 
 
 def exertion_shares(*impedances: Operator) -> tuple[Operator, ...]:

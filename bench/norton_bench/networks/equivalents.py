@@ -22,7 +22,7 @@ from norton_bench.networks.composing import MOTION_SOURCE, Names, distinct, equa
 from norton_bench.networks.expressions import Equations
 from norton_bench.networks.forms import in_form, map_of, range_of, told, with_table
 from norton_bench.networks.inverses import Inverse, inverse_of, inverse_of_points, zeros_along
-from norton_bench.networks.kinds import Form, Kind, NoConversionError
+from norton_bench.networks.kinds import Form, Kind, NoConversionError, told_as_no_conversion
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.motor_read import motor_of
 from norton_bench.networks.nonlinear import MOTIONS, NonlinearNetwork
@@ -37,13 +37,11 @@ def equivalent(network: NonlinearNetwork, kind: Kind, form: Form) -> NonlinearNe
     motor = motor_of(network)
     if motor is not None:
         return motor if (kind, form) == (Kind.NORTON, Form.IMPEDANCE) else as_equations(motor, kind, form)
-    try:
+    with told_as_no_conversion():
         if kind is network.kind:
             return in_form(network, form)
         (apart,) = distinct([network])
         return _norton(apart, form) if kind is Kind.NORTON else _thevenin(apart, form)
-    except ValueError as error:
-        raise NoConversionError(str(error)) from None
 
 
 def with_port_source(network: NonlinearNetwork) -> NonlinearNetwork | NortonNetwork:

@@ -1,5 +1,7 @@
 """The two types and the two operational forms of an equivalent network (paper, sections II and VI.B)."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
 
@@ -26,6 +28,15 @@ class Form(Enum):
 
 class NoConversionError(UsageError):
     """The network has no equivalent of the kind and form that was asked for; the sentence says why."""
+
+
+@contextmanager
+def told_as_no_conversion() -> Iterator[None]:
+    """Inside, equations that cannot be rewritten (ValueError) are a NoConversionError with the same sentence."""
+    try:
+        yield
+    except ValueError as error:
+        raise NoConversionError(str(error)) from None
 
 
 # What is sampled at the port: a motion with its derivatives, at the ticks.
