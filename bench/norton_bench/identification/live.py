@@ -19,7 +19,7 @@ from norton_bench.identification.cleaning import Cleaned
 from norton_bench.identification.fit import bias_of, names_of, physical, result_of, solution_of, solution_with
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
-from norton_bench.identification.model_error import ModelError, judged_estimate
+from norton_bench.identification.model_error import ModelError, judged_estimates
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
@@ -282,7 +282,7 @@ class LiveIdentifier:
         if drift is not None:
             estimates = self._moved(estimates, solution, drift)
         if self._error is not None and not result.ratios_only:
-            estimates = tuple(judged_estimate(each, self._error) for each in estimates)
+            estimates = judged_estimates(estimates, self._error)
         network = self._network(estimates, result)
         return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
 

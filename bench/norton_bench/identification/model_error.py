@@ -3,7 +3,7 @@
 The network is asked for segments that its values were not fitted to: those kept for validation, and every other one by
 a fit without it. Whatever the fit's deviations say, they say it of the model."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -27,6 +27,7 @@ from norton_bench.identification.prediction_error import mean_squares
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.simulated_bench import Coupling, inertia_of
+from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
 from norton_bench.records import Measured
@@ -229,7 +230,7 @@ def judged(result: FitResult, error: ModelError | None) -> FitResult:
         verdict=tuple(text for text in result.verdict if text not in {check.sentence for check in looked_like}),
     )
     undoubted = bool(looked_like) and not told.failed_checks
-    estimates = tuple(judged_estimate(each, error, undoubted=undoubted) for each in result.estimates)
+    estimates = judged_estimates(result.estimates, error, undoubted=undoubted)
     concerned = [each.name for each in estimates if each.status is Status.INADEQUATE]
     texts = sentences(error, concerned)
     network = widened(result, estimates).with_provenance({"model": texts[0]})
@@ -245,8 +246,21 @@ def widened(result: FitResult, estimates: Sequence[Estimate]) -> NortonNetwork:
     return replace(network, covariance=tuple(tuple(float(value) for value in row) for row in covariance))
 
 
-def judged_estimate(estimate: Estimate, error: ModelError, *, undoubted: bool = False) -> Estimate:
-    """With what the model's error makes of its deviation and status."""
+def judged_estimates(
+    estimates: Iterable[Estimate], error: ModelError, *, undoubted: bool = False
+) -> tuple[Estimate, ...]:
+    """With what the model's error makes of deviations and statuses.
+
+    The limit of a servo's torque is what its motor gave when what moves and rubs is taken off: as good as those values.
+    """
+    judged = tuple(_judged(each, error, undoubted=undoubted) for each in estimates)
+    inadequate = {each.name for each in judged if each.status is Status.INADEQUATE}
+    if inadequate.isdisjoint(MOVES_AND_RUBS):
+        return judged
+    return tuple(replace(each, status=Status.INADEQUATE) if each.name == "torque_limit" else each for each in judged)
+
+
+def _judged(estimate: Estimate, error: ModelError, *, undoubted: bool) -> Estimate:
     status = Status.VALID if undoubted and estimate.status is Status.DOUBTFUL else estimate.status
     # Torque constant and amplifier gain are shares of the torque gain, and move as it does.
     name = "torque_gain" if estimate.name in ("torque_constant", "amplifier_gain") else estimate.name

@@ -21,6 +21,8 @@ BEYOND = 1.1
 # A limit that holds leaves less than this of what was asked for.
 HELD = 0.95
 FEWEST_VISITS = 3
+# What is taken off the torque at the port, in the order of the regression's columns.
+MOVES_AND_RUBS = ("inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
 """A Feetech servo on a half-duplex line: its memory table, its modes and its answers.
 
-Goals are obeyed at the end of a control period. Sources: as for :mod:`norton_drivers.feetech.table` and
-:mod:`norton_drivers.codecs.feetech`. Values that are written to the EPROM while it is locked act until power-off. In
-mode 0 the goal moves no faster than Goal Speed, and the position loop has a proportional gain alone; where the rig's
-commands are angles, the plant's amplifier is told of in amperes per radian with the rig's gain. Load beyond
-the overload torque for the protection time leaves the protective torque, until the torque is switched off. There is no
-watchdog.
+Goals are obeyed at the end of a control period. There is no watchdog. Sources: as for
+:mod:`norton_drivers.feetech.table` and :mod:`norton_drivers.codecs.feetech`. Values written to the EPROM while it is
+locked act until power-off. In mode 0 the goal moves no faster than Goal Speed, and the position loop is proportional;
+where the rig's commands are angles, the plant's amplifier is told of in amperes per radian with the rig's gain. Load
+beyond the overload torque for the protection time leaves the protective torque until the torque is switched off.
 """
 
 from functools import partial

@@ -8,12 +8,12 @@ import pytest
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, possible
-from norton_bench.identification.model_error import expanded, judged, model_error
+from norton_bench.identification.model_error import expanded, judged, judged_estimates, model_error
 from norton_bench.identification.prediction_error import LEVEL, bound, prediction_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Status
+from norton_bench.models.parameters import Estimate, Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.few_draws import judged_with_few_draws
@@ -68,6 +68,13 @@ def test_nothing_is_said_of_the_papers_motor(result, error):
     assert told.estimates == result.estimates
     assert told.verdict == result.verdict
     assert told.network.prediction == error.prediction
+
+
+@pytest.mark.parametrize(("moved", "status"), [(0.5, Status.INADEQUATE), (0.0, Status.VALID)])
+def test_a_torque_limit_is_as_good_as_what_was_taken_off_to_find_it(error, result, moved, status):
+    limit = Estimate("torque_limit", 0.3, 0.01, "N*m", Status.VALID)
+    estimates = judged_estimates((*result.estimates, limit), changed(error, moved))
+    assert estimates[-1] == replace(limit, status=status)
 
 
 def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(experiment):
