@@ -14,9 +14,13 @@ COMMAND = str(Path(sys.executable).with_name("norton-bench"))
 _PATIENCE_S = 120.0
 
 
+def shipped_rig(checkout: Path, family: str) -> Path:
+    return checkout / f"rigs/sim-{family}.toml"
+
+
 def rig_on(checkout: Path, family: str, channel: str, name: str = "") -> Path:
     """The family's shipped rig, with its bus on a link of the kernel's, and a slower loop."""
-    text = (checkout / f"rigs/sim-{family}.toml").read_text(encoding="utf-8")
+    text = shipped_rig(checkout, family).read_text(encoding="utf-8")
     text = text.replace('rate = "1 kHz"', f'rate = "{RATE}"').replace('"udp_multicast"', '"socketcan"')
     text = re.sub(r'channel = "239[^"]*"', f'channel = "{channel}"', text)
     file = Path(f"{name or family}.toml").absolute()

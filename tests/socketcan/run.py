@@ -20,6 +20,7 @@ from pathlib import Path
 
 from initramfs import write_initramfs
 from kernel_modules import in_order
+from sessions import write_truth
 
 from norton_bench.session.warm_up import warm_up
 
@@ -84,6 +85,7 @@ def sessions() -> Iterator[Guest]:
     subprocess.run(["cc", "-O2", "-shared", "-fPIC", "-o", clock, HERE / "guest_clock.c"], check=True)
     for family in FAMILIES:
         part = f"sessions:{family}"
+        write_truth(CHECKOUT, family, OUT)
         command = [
             *(str(kernel), "mem=2G", "rootfstype=hostfs", "ro", "quiet", "con=null", "con0=fd:0,fd:1"),
             *("lpj=20000000", f"init={sys.executable}", "--"),  # the clock does not let Linux measure its own speed

@@ -103,6 +103,7 @@ class BusMaster:
         self._questions: deque[_Exchange] = deque()
         self._awaited: _Awaited | None = None
         self._cycle_ns = 0  # when the last one began
+        self._question_next = False  # goals may come faster than the line is free: questions have every other turn
         self._missed = 0  # cycles in a row that were not answered completely
         self._apart_until_ns = 0
         self._turn = 0
@@ -197,6 +198,12 @@ class BusMaster:
         now_ns = self._clock.now_ns()
         if self._awaited is not None and now_ns < self._awaited.free_ns:
             return
+        if self._question_next and self._awaited is None:
+            self._question_next = False
+            self._begin_question()
+            if self._awaited is not None:
+                return  # the goals follow as soon as the line is free
+        self._question_next = True
         goals = b"".join(
             self.dialect.sync_write(part[0].goal.address, {share.node: self._goals[share.node] for share in part})
             for part in together([m.share for m in self._members if m.share.node in self._goals], _goal_of)

@@ -1,5 +1,6 @@
 """Two servos on one line and their drivers: who is asked when, what is said of a wrong one, and what a line carries."""
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -93,6 +94,17 @@ def test_both_are_commanded_and_read_in_every_tick_and_nothing_collides(
     assert all(abs(period - tick_ms) < 0.25 for period in periods_ms), "they come with the jitter of the adapter"
     assert line.collisions == collisions
     assert devices.stop() == ()
+
+
+@pytest.mark.parametrize("text", [PAIR, dynamixel_pair()])
+def test_one_is_set_up_while_the_other_is_fed_faster_than_the_line_is_free(opened: Opened, text: str) -> None:
+    """By an adapter that is faster than the rig file says: answers come before a goal could go out without them."""
+    text = re.sub(r"rate = .*", 'rate = "150 Hz"', text, count=1)
+    text = re.sub(r"latency = .*\n", "", text).replace("node = ", 'latency = "3 ms"\nnode = ')
+    devices, _ = opened(text)
+    devices.identify()
+    devices.enable()
+    assert [drive.status().state for drive in devices.drives] == [DriveState.ENABLED] * 2
 
 
 @pytest.mark.parametrize(("text", "tick_ms"), [(PAIR, 2.5), (dynamixel_pair(), 2.0)])
