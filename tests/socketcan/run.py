@@ -20,9 +20,9 @@ from pathlib import Path
 
 from initramfs import write_initramfs
 from kernel_modules import in_order
-from sessions import write_truth
 
 from norton_bench.session.warm_up import warm_up
+from sessions import write_truth
 
 HERE = Path(__file__).resolve().parent
 CHECKOUT = HERE.parents[1]

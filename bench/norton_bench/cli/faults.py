@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from norton_bench.faults.campaign import FaultTrial
     from norton_bench.faults.case import Case, CaseResult
 
-# The rigs that are tried where none is named: one for each family of drives, but Feetech, which has no watchdog.
+# The rigs that are tried where none is named: one for each family of drives.
 FAMILIES = (
     "sim-odrive",
     "sim-cia402",
@@ -32,6 +32,7 @@ FAMILIES = (
     "sim-vesc-uart",
     "sim-simplefoc",
     "sim-dynamixel",
+    "sim-feetech",
 )
 
 Quick = Annotated[bool, Parameter(help="A selection of the faults; takes a minute or two.")]
@@ -51,7 +52,6 @@ def faults(
     motion."""
     from norton_bench.cli.progress import counting  # noqa: PLC0415
     from norton_bench.faults.campaign import run_campaign  # noqa: PLC0415
-    from norton_bench.faults.case import Verdict  # noqa: PLC0415
 
     output = Output(json, quiet)
     paths = rig_files or [shipped_folder() / "rigs" / f"{name}.toml" for name in FAMILIES]
@@ -63,8 +63,7 @@ def faults(
     with counting(output, count) as done:
         outcomes = run_campaign(trials, jobs or os.cpu_count() or 1, seed, lambda outcome: done(_remark(outcome)))
     output.result(faults_data(outcomes), faults_text(outcomes))
-    tried = [outcome.verdict for outcome in outcomes if outcome.verdict is not Verdict.SKIPPED]
-    return ExitCode.OK if all(verdict.safe for verdict in tried) else ExitCode.EXPERIMENT_FAILED
+    return ExitCode.EXPERIMENT_FAILED if any(each.verdict.fails for each in outcomes) else ExitCode.OK
 
 
 def _trial(path: Path, quick: bool, only: str | None, losses: bool) -> "FaultTrial":
@@ -98,7 +97,7 @@ def _remark(outcome: "CaseResult") -> str:
 def faults_data(outcomes: Sequence["CaseResult"]) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
-        "safe": all(outcome.verdict.safe for outcome in outcomes if outcome.verdict.value != "skipped"),
+        "safe": not any(outcome.verdict.fails for outcome in outcomes),
         "cases": [
             {
                 **vars(outcome),
@@ -119,14 +118,22 @@ def faults_text(outcomes: Sequence["CaseResult"]) -> str:
     for (family, rig), group in groupby(outcomes, key=lambda outcome: (outcome.family, outcome.rig)):
         lines += [*_family_lines(family, rig, list(group)), ""]
     safe = sum(outcome.verdict.safe for outcome in outcomes)
-    skipped = sum(outcome.verdict.value == "skipped" for outcome in outcomes)
+    skipped, going_on = (
+        sum(outcome.verdict.value == ends for outcome in outcomes) for ends in ("skipped", "no watchdog")
+    )
     left_out = f", {skipped} skipped" if skipped else ""
-    return "\n".join([*lines, f"{safe} of {len(outcomes) - skipped} faults end safely{left_out}."])
+    last = f"{safe} of {len(outcomes) - skipped} faults end safely{left_out}."
+    if going_on:
+        last += f" In {going_on} a drive goes on until its supply is switched off, because it has no watchdog."
+    return "\n".join([*lines, last])
 
 
 def _family_lines(family: str, rig: str, outcomes: Sequence["CaseResult"]) -> Iterator[str]:
     allowed_ms = outcomes[0].allowed_s * 1e3
-    yield f"{family} ({rig}): a drive may run on for {allowed_ms:g} ms, its watchdog's period and two ticks"
+    period = "its watchdog's period and two ticks"
+    if not outcomes[0].watchdogs:
+        period = "and longer only while no limit is exceeded: it has no watchdog"
+    yield f"{family} ({rig}): a drive may run on for {allowed_ms:g} ms, {period}"
     headings = ("noticed", "off", "torque", "speed")
     yield f"  {'fault':<34}{'on':<15}{'ends':<16}{''.join(f'{heading:>12}' for heading in headings)}  drives"
     for outcome in outcomes:

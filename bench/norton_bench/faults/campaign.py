@@ -7,7 +7,7 @@ from typing import Any
 
 from norton_bench.faults.case import Case, CaseResult, Expected
 from norton_bench.faults.host_loss import lose_host
-from norton_bench.faults.rehearse import Exercise, longest_watchdog_s, prepare, rehearse
+from norton_bench.faults.rehearse import Exercise, allowed_on, prepare, rehearse
 from norton_bench.rig.rig import Rig
 from norton_bench.session.pool import process_pool
 
@@ -160,7 +160,7 @@ def run_campaign(trials: Sequence[FaultTrial], jobs: int, seed: int | None, on_o
     for trial, outcomes in zip(trials, by_rig, strict=True):
         # One by one, and nothing beside them: they are about time.
         for case in trial.losses:
-            outcomes.append(lose_host(trial.rig, case, longest_watchdog_s(trial.rig), seed))
+            outcomes.append(lose_host(trial.rig, case, allowed_on(trial.rig), seed))
             on_outcome(outcomes[-1])
     return [outcome for outcomes in by_rig for outcome in outcomes]
 

@@ -25,12 +25,18 @@ class Verdict(Enum):
     NOT_DETECTED = "not detected"
     TOO_LATE = "too late"  # a drive went on for longer than it may
     BEYOND_LIMITS = "beyond limits"  # nothing was noticed, and a limit was exceeded in truth
+    NO_WATCHDOG = "no watchdog"  # a drive goes on that the bench cannot reach, for it has no watchdog
     FAILED = "failed"  # the case itself came to nothing
     SKIPPED = "skipped"  # this machine cannot try it
 
     @property
     def safe(self) -> bool:
         return self in (Verdict.STOPPED, Verdict.RIDDEN_THROUGH)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the bench could have ended it safely, and did not."""
+        return not self.safe and self not in (Verdict.NO_WATCHDOG, Verdict.SKIPPED)
 
 
 class Peak(NamedTuple):
@@ -41,6 +47,9 @@ class Peak(NamedTuple):
 
 
 NO_PEAK = Peak()
+
+
+OUT_OF_REACH = ("dropout", "unplugged", "bus-off", "babbling-node", "host-stall", "host-killed", "host-stopped")
 
 
 @dataclass(frozen=True)
@@ -55,6 +64,11 @@ class Case:
     @property
     def on(self) -> str:
         return str(self.table.get("on", "bench"))
+
+    @property
+    def out_of_reach(self) -> bool:
+        """Whether a drive may hear nothing of the bench any more."""
+        return self.table["kind"] in OUT_OF_REACH
 
 
 @dataclass(frozen=True)
@@ -75,6 +89,7 @@ class CaseResult:
     detected_s: float | None = None
     off_s: float | None = None
     allowed_s: float = nan
+    watchdogs: bool = True  # whether each drive has one
     drives: Mapping[str, str] = field(default_factory=dict)  # role -> state
     peak: Peak = NO_PEAK
     peak_after: Peak = NO_PEAK
@@ -96,9 +111,22 @@ SPARE_TICKS = 2
 
 
 # What is to be said of a case, from what is true: when both drives were off, and what had happened by then.
-def allowed_ns(watchdog_s: float, tick_ns: int) -> int:
-    """How long after a fault a drive may go on."""
-    return round(watchdog_s * 1e9) + SPARE_TICKS * tick_ns
+@dataclass(frozen=True)
+class Allowed:
+    """How long after a fault a drive may go on; ``watchdogs`` says whether each drive has one."""
+
+    ns: int
+    watchdogs: bool = True
+
+    @classmethod
+    def of(cls, watchdogs_s: Sequence[float], limits: Limits, tick_ns: int) -> "Allowed":
+        """The longest period of the drives' watchdogs. Where a drive has none, what the bench may take to see that a
+        device is silent and its loop late; and whatever it takes, if no limit is exceeded."""
+        watchdogs = min(watchdogs_s) > 0
+        period_ns = round(max(watchdogs_s) * 1e9)
+        if not watchdogs:
+            period_ns = max(period_ns, limits.stale_after_ns + limits.stall_after_ns)
+        return cls(period_ns + SPARE_TICKS * tick_ns, watchdogs)
 
 
 @dataclass(frozen=True)
@@ -124,27 +152,37 @@ def judge(
     states: Sequence[TrueState],
     begun_ns: int,
     detection: Detection | None,
-    expected: Expected,
+    case: Case,
     *,
-    allowed_ns: int,
+    allowed: Allowed,
     limits: Limits,
 ) -> CaseJudgement:
-    """``states`` reach from before the fault until long after the session, and the last tells how the drives were left;
-    ``allowed_ns`` is what a drive may take to be off, from the fault on."""
+    """``states`` reach from before the fault until long after the session; the last tells how the drives were left."""
     after = [state for state in states if state.stamp_ns >= begun_ns]
     off_ns = off_after_ns(after, begun_ns)
     peak = _peak(after)
     noticed_ns = begun_ns if detection is None else detection.stamp_ns
     peak_after = _peak([state for state in after if state.stamp_ns >= noticed_ns])
-    if detection is not None:
-        verdict = Verdict.STOPPED if off_ns is not None and off_ns <= allowed_ns else Verdict.TOO_LATE
-    elif expected is Expected.STOP:
-        verdict = Verdict.NOT_DETECTED
-    else:
-        within = peak.torque_nm <= limits.torque_nm and peak.velocity_rad_s <= limits.velocity_rad_s
+    within = peak.torque_nm <= limits.torque_nm and peak.velocity_rad_s <= limits.velocity_rad_s
+    if detection is None and case.expected is Expected.RIDE:
         verdict = Verdict.RIDDEN_THROUGH if within else Verdict.BEYOND_LIMITS
+    else:
+        verdict = _ended(off_ns, case, allowed, noticed=detection is not None, within=within)
     off_s = None if off_ns is None or detection is None else off_ns * 1e-9
     return CaseJudgement(verdict, off_s, _left(after[-1]), peak, peak_after)
+
+
+def _ended(off_ns: int | None, case: Case, allowed: Allowed, *, noticed: bool, within: bool) -> Verdict:
+    """Of a fault that was noticed, or should have been."""
+    if not noticed:
+        off_ns = None
+    if off_ns is not None and off_ns <= allowed.ns:
+        return Verdict.STOPPED
+    if case.out_of_reach and not allowed.watchdogs:
+        return Verdict.NO_WATCHDOG
+    if off_ns is not None and within and not allowed.watchdogs:
+        return Verdict.STOPPED
+    return Verdict.TOO_LATE if noticed else Verdict.NOT_DETECTED
 
 
 def off_after_ns(after: Sequence[TrueState], begun_ns: int) -> int | None:

@@ -16,7 +16,7 @@ from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
-from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge, off_after_ns
+from norton_bench.faults.case import Allowed, Case, CaseResult, Detection, Verdict, judge, off_after_ns
 from norton_bench.faults.rehearse import nothing_yet
 from norton_bench.rig.rig import Rig
 from norton_drivers.ports import TrueState
@@ -84,9 +84,8 @@ class _CannotServeError(Exception):
     """This machine cannot serve the rig's devices; the text says why."""
 
 
-def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) -> CaseResult:
+def lose_host(rig: Rig, case: Case, allowed: Allowed, seed: int | None = None) -> CaseResult:
     """One such case; skipped, with the reason, where this machine cannot try it."""
-    allowed = allowed_ns(watchdog_s, rig.tick_ns)
     outcome = nothing_yet(rig, case, allowed)
     number = getattr(signal, SIGNALS[case.table["kind"]], None)
     if os.name != "posix" or number is None:
@@ -94,7 +93,8 @@ def lose_host(rig: Rig, case: Case, watchdog_s: float, seed: int | None = None) 
     random, why = Random(seed), ""
     for _ in range(TRIES):
         try:
-            return _judged(outcome, *_strike(rig, number, allowed, random), rig)
+            states, begun_ns = _strike(rig, number, allowed.ns, random)
+            return _judged(outcome, states, begun_ns, rig, case, allowed)
         except _CannotServeError as reason:
             return replace(outcome, verdict=Verdict.SKIPPED, guard=str(reason))
         except _NoHostError as reason:  # a machine that is busy may stop a session by its stalls
@@ -139,14 +139,14 @@ def _last_words(folder: Path) -> str:
     return f"the host ended before it was lost: {lines[-1] if lines else 'without a word'}"
 
 
-def _judged(outcome: CaseResult, states: Sequence[TrueState], begun_ns: int, rig: Rig) -> CaseResult:
+def _judged(
+    outcome: CaseResult, states: Sequence[TrueState], begun_ns: int, rig: Rig, case: Case, allowed: Allowed
+) -> CaseResult:
     off_ns = off_after_ns([state for state in states if state.stamp_ns >= begun_ns], begun_ns)
     detection = None if off_ns is None else Detection(begun_ns + off_ns, "the drives' own watchdogs")
-    result = judge(
-        states, begun_ns, detection, outcome.expected, allowed_ns=round(outcome.allowed_s * 1e9), limits=rig.limits
-    )
+    result = judge(states, begun_ns, detection, case, allowed=allowed, limits=rig.limits)
     if detection is None:
-        return replace(outcome, **vars(result))
+        return replace(outcome, **vars(result), guard="nothing stopped the drives")
     return replace(outcome, **vars(result), guard=detection.words, detected_s=result.off_s)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.events import PartMeasured, SessionEvent
-from norton_bench.faults.case import Case, CaseResult, Detection, Verdict, allowed_ns, judge
+from norton_bench.faults.case import Allowed, Case, CaseResult, Detection, Verdict, judge
 from norton_bench.loop.devices import open_devices
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.excitations import imposed_multisine
@@ -105,11 +105,11 @@ class _Run:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A rig that is ready for its faults: what its first session learned, and the longest of its drives' watchdogs."""
+    """A rig that is ready for its faults: what its first session learned, and how long its drives may go on."""
 
     rig: Rig
     known: Knowledge
-    watchdog_s: float
+    allowed: Allowed
 
 
 def prepare(rig: Rig, seed: int | None = None) -> Prepared:
@@ -122,7 +122,7 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
         session = Session((), "faults, calibration")
         known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed).knowledge
     seen = replace(rig, supervision=replace(rig.supervision, verify_watchdogs=False))  # just now: once is enough
-    return Prepared(seen, known, longest_watchdog_s(rig))
+    return Prepared(seen, known, allowed_on(rig))
 
 
 def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> CaseResult:
@@ -131,25 +131,24 @@ def rehearse(prepared: Prepared, case: Case, seed: int | None = None) -> CaseRes
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     if not isinstance(backend, Rehearsal):
         raise UsageError(f'{rig.place}: backend = "{rig.backend}" cannot rehearse faults; use "simulated"')
-    allowed = allowed_ns(prepared.watchdog_s, rig.tick_ns)
-    run = _run(prepared, case, backend, seed, allowed)
+    run = _run(prepared, case, backend, seed)
     fault = backend.injected[-1] if backend.injected else None
-    outcome = nothing_yet(rig, case, allowed)
+    outcome = nothing_yet(rig, case, prepared.allowed)
     if run.bug is not None:
         return _failed(outcome, run.bug)
     if fault is None or fault.begun_ns is None:
         return _failed(outcome, f"the session ended before the fault: {run.error or 'as planned'}")
     if "count" in case.table and not fault.hits:
         return _failed(outcome, "the fault hit no frame")
-    return _judged(outcome, run, fault.begun_ns, fault.hits, rig)
+    return _judged(outcome, run, fault.begun_ns, fault.hits, prepared, case)
 
 
-def longest_watchdog_s(rig: Rig) -> float:
-    """The longest of the drives' watchdogs, as their drivers set them. Raises RigError, DeviceError."""
+def allowed_on(rig: Rig) -> Allowed:
+    """From the drives' watchdogs, as their drivers set them. Raises RigError, DeviceError."""
     backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=None, place=rig.place)
     try:
         devices = open_devices(rig, backend)
-        result = max(drive.watchdog_s for drive in devices.drives)
+        result = Allowed.of([drive.watchdog_s for drive in devices.drives], rig.limits, rig.tick_ns)
         devices.link.close()
     finally:
         backend.close()
@@ -162,7 +161,7 @@ def family(rig: Rig) -> str:
     return "+".join(dict.fromkeys(drivers))
 
 
-def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, allowed: int) -> _Run:
+def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None) -> _Run:
     states, listener = backend.watch(), _Listener()
     error: str | None = None
     bug: str | None = None
@@ -184,14 +183,21 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None, a
         except Exception as stumbled_over:  # a host that a fault makes stumble is a finding, among all the others
             bug = f"the program itself failed ({type(stumbled_over).__name__}: {stumbled_over})"
     ended_ns = backend.clock.now_ns()
-    backend.clock.wait_until_ns(ended_ns + allowed + WATCH_ON_NS)
+    backend.clock.wait_until_ns(ended_ns + prepared.allowed.ns + WATCH_ON_NS)
     return _Run(error, bug, ended_ns, join(listener.parts), states)
 
 
-def nothing_yet(rig: Rig, case: Case, allowed: int) -> CaseResult:
-    """What is known of a case before it is tried; a drive is allowed to go on for so many nanoseconds."""
+def nothing_yet(rig: Rig, case: Case, allowed: Allowed) -> CaseResult:
+    """What is known of a case before it is tried."""
     return CaseResult(
-        case.name, case.on, family(rig), rig.name, case.expected, Verdict.FAILED, allowed_s=allowed * 1e-9
+        case.name,
+        case.on,
+        family(rig),
+        rig.name,
+        case.expected,
+        Verdict.FAILED,
+        allowed_s=allowed.ns * 1e-9,
+        watchdogs=allowed.watchdogs,
     )
 
 
@@ -199,18 +205,12 @@ def _failed(outcome: CaseResult, why: str) -> CaseResult:
     return replace(outcome, guard=why)
 
 
-def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, rig: Rig) -> CaseResult:
+def _judged(outcome: CaseResult, run: _Run, begun_ns: int, hits: int, prepared: Prepared, case: Case) -> CaseResult:
     detection = _detection(run)
     if detection is not None and detection.stamp_ns < begun_ns:
         return _failed(outcome, f"the session ended before the fault: {detection.words}")
-    result = judge(
-        run.states,
-        begun_ns,
-        detection,
-        outcome.expected,
-        allowed_ns=round(outcome.allowed_s * 1e9),
-        limits=rig.limits,
-    )
+    limits = prepared.rig.limits
+    result = judge(run.states, begun_ns, detection, case, allowed=prepared.allowed, limits=limits)
     return replace(
         outcome,
         **vars(result),

@@ -19,8 +19,11 @@ from norton_drivers.link import Link
 from norton_drivers.ports import SerialPort
 
 # Servos that do not drive are asked as often as this, and those whose watchdog is being tested, once it should have
-# acted; one that is silent while others are not, more seldom.
-IDLE_NS, TESTED_NS, SILENT_NS = 5_000_000, 20_000_000, 100_000_000
+# acted.
+IDLE_NS, TESTED_NS = 5_000_000, 20_000_000
+# One that is silent while others are not is asked the more seldom the longer it has been silent, at least so often. The
+# others wait for its answer in vain each time; and one that was only late is to be heard again soon.
+SILENT_SHARE, SILENT_NS = 0.5, 100_000_000
 # Answers that are later than the adapter's latency by this are lost.
 TIMEOUT_NS = 8_000_000
 MISSED_MOST = 2
@@ -108,6 +111,7 @@ class BusMaster:
         self._apart_until_ns = 0
         self._turn = 0
         self._silent_until_ns: dict[int, int] = {}
+        self._heard_ns: dict[int, int] = {}
         port.subscribe(self._on_bytes)
         link.questions.append(self._look)
 
@@ -189,9 +193,11 @@ class BusMaster:
         if tested and self._awaited is None and now_ns - self._cycle_ns >= period_ns:
             self._begin_cycle()
 
-    def _begin_question(self) -> None:
+    def _begin_question(self) -> bool:
+        """Whether an answer is awaited from now on."""
         while self._questions and self._awaited is None:
             self._send(self._questions.popleft())
+        return self._awaited is not None
 
     def _begin_cycle(self) -> None:
         """The goals that are there, and the question for all readings where the line is free for the answers."""
@@ -200,8 +206,7 @@ class BusMaster:
             return
         if self._question_next and self._awaited is None:
             self._question_next = False
-            self._begin_question()
-            if self._awaited is not None:
+            if self._begin_question():
                 return  # the goals follow as soon as the line is free
         self._question_next = True
         goals = b"".join(
@@ -245,7 +250,11 @@ class BusMaster:
         share = ready[self._turn % len(ready)]
 
         def ended(complete: bool) -> None:
-            self._silent_until_ns[share.node] = 0 if complete else self._clock.now_ns() + SILENT_NS
+            now_ns = self._clock.now_ns()
+            silent_ns = now_ns - self._heard_ns.get(share.node, 0)
+            self._silent_until_ns[share.node] = (
+                0 if complete else now_ns + min(round(SILENT_SHARE * silent_ns), SILENT_NS)
+            )
 
         question = self.dialect.read(share.node, share.reading.address, share.reading.length)
         return [self._reading(question, [share], ended)]
@@ -311,6 +320,7 @@ class BusMaster:
             self._begin_question()
 
     def _take(self, answer: Answer, stamp_ns: int) -> None:
+        self._heard_ns[answer.node] = stamp_ns
         for member in self._members:
             if member.share.node == answer.node:
                 member.take(answer, stamp_ns)

@@ -95,6 +95,7 @@ def test_json_and_nothing_else(tried: Tried, capsys: pytest.CaptureFixture[str])
     [
         (Verdict.RIDDEN_THROUGH, ExitCode.OK),
         (Verdict.SKIPPED, ExitCode.OK),
+        (Verdict.NO_WATCHDOG, ExitCode.OK),
         (Verdict.NOT_DETECTED, ExitCode.EXPERIMENT_FAILED),
         (Verdict.TOO_LATE, ExitCode.EXPERIMENT_FAILED),
         (Verdict.BEYOND_LIMITS, ExitCode.EXPERIMENT_FAILED),

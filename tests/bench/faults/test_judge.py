@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from norton_bench.faults.case import CaseJudgement, Detection, Expected, Verdict, allowed_ns, judge
+from norton_bench.faults.case import Allowed, Case, CaseJudgement, Detection, Expected, Verdict, judge
 from norton_bench.rig.rig import Limits
 from norton_drivers.ports import TrueState
 
@@ -25,14 +25,51 @@ def states(off_ms: int, end_ms: int = 500, torque_nm: float = 0.2, velocity_rad_
 
 
 def judged(
-    truth: Sequence[TrueState], detected_ms: float | None, expected: Expected = Expected.STOP, watchdog_s: float = 0.3
+    truth: Sequence[TrueState],
+    detected_ms: float | None,
+    expected: Expected = Expected.STOP,
+    watchdogs_s: Sequence[float] = (0.1, 0.3),
+    kind: str = "freeze",
 ) -> CaseJudgement:
     detection = None if detected_ms is None else Detection(BEGUN_NS + round(detected_ms * MS), "somebody")
-    return judge(truth, BEGUN_NS, detection, expected, allowed_ns=allowed_ns(watchdog_s, MS), limits=LIMITS)
+    case = Case("of this kind", {"kind": kind}, expected)
+    return judge(truth, BEGUN_NS, detection, case, allowed=Allowed.of(watchdogs_s, LIMITS, MS), limits=LIMITS)
 
 
 def test_a_drive_may_go_on_for_its_watchdog_and_two_ticks() -> None:
-    assert allowed_ns(0.3, MS) == 302 * MS
+    assert Allowed.of((0.1, 0.3), LIMITS, MS) == Allowed(302 * MS)
+
+
+def test_where_one_has_no_watchdog_for_as_long_as_a_silent_device_and_a_late_loop_may_take() -> None:
+    assert Allowed.of((0.0, 0.0), LIMITS, MS) == Allowed(57 * MS, watchdogs=False)
+    assert Allowed.of((0.0, 0.3), LIMITS, MS) == Allowed(302 * MS, watchdogs=False)
+
+
+@pytest.mark.parametrize(
+    ("off_ms", "kind", "verdict"),
+    [
+        (57, "freeze", Verdict.STOPPED),
+        (57, "host-stall", Verdict.STOPPED),
+        (300, "freeze", Verdict.STOPPED),  # no limit was exceeded
+        (300, "host-stall", Verdict.NO_WATCHDOG),
+        (499, "freeze", Verdict.TOO_LATE),  # never off
+        (499, "unplugged", Verdict.NO_WATCHDOG),
+    ],
+)
+def test_without_watchdogs_what_counts_is_whether_the_bench_could_reach_them(
+    off_ms: int, kind: str, verdict: Verdict
+) -> None:
+    found = judged(states(off_ms), 20.0, watchdogs_s=(0.0, 0.0), kind=kind)
+    assert found.verdict is verdict
+    beyond = judged(states(off_ms, torque_nm=1.1), 20.0, watchdogs_s=(0.0, 0.0), kind=kind)
+    late = Verdict.TOO_LATE if kind == "freeze" else Verdict.NO_WATCHDOG
+    assert beyond.verdict is (Verdict.STOPPED if off_ms == 57 else late)
+
+
+def test_a_host_that_is_gone_notices_nothing() -> None:
+    gone = {"detected_ms": None, "kind": "host-killed"}
+    assert judged(states(499), **gone, watchdogs_s=(0.0, 0.0)).verdict is Verdict.NO_WATCHDOG
+    assert judged(states(499), **gone).verdict is Verdict.NOT_DETECTED
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from norton_drivers.readings import DriveState
 from norton_drivers.registry import load_backend
 from norton_drivers.wiring import DeviceSettings
 from norton_sim.backend import SimulatedBackend
+from norton_sim.faults.schema import Dropout
 
 RIGS = Path(__file__).parents[3] / "rigs"
 PAIR = (RIGS / "sim-feetech.toml").read_text(encoding="utf-8")
@@ -125,6 +126,19 @@ def test_one_that_falls_silent_is_told_from_the_other(opened: Opened, text: str,
     assert heartbeat_ns < cut_ns + 3e6
     assert len(devices.stop()) == 1, "only the silent one is complained of"
     assert devices.load.status().state is DriveState.IDLE
+
+
+@pytest.mark.parametrize("silent_ms", [30, 60])
+def test_one_that_was_silent_for_a_while_is_heard_again_soon(opened: Opened, silent_ms: int) -> None:
+    """Before stale_after has passed: at the latest half as long after it has come back, and two lost answers."""
+    devices, backend = opened(PAIR)
+    devices.identify()
+    devices.enable()
+    backend.inject(Dropout(on="actuator", lasts_s=silent_ms * 1e-3))
+    back_ns = devices.clock.now_ns() + silent_ms * 1_000_000
+    run(devices, 2.5, 60)
+    heard = [each.arrival_ns for each in devices.actuator.take_motion() if each.arrival_ns > back_ns]
+    assert heard[0] < back_ns + silent_ms * 0.5e6 + 20e6
 
 
 def test_a_watchdog_is_tested_in_silence_with_both_on_the_line(opened: Opened) -> None:
