@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 typedef long long ns;
-enum { LOOK = 12000, SLOWNESS = 50 };
+enum { LOOK = 8000, SLOWNESS = 50 };
 
 static volatile ns now = 1, expiry, interval, host_expiry; /* a timer that repeats has an interval: while Linux boots */
 static volatile int armed;

@@ -1,6 +1,7 @@
 """A whole session of one family of drives through a CAN link of the kernel, compared with what is true."""
 
 import json
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ def truth_of(family: str, folder: Path) -> Path:
 
 
 def run(checkout: Path, family: str, tell: Tell) -> None:
+    os.environ["PYTHONPATH"] = str(checkout / "tests/socketcan/every_process")
     for command in ("ip link add vcan0 type vcan", "ip link set vcan0 up"):
         subprocess.run(command.split(), check=True)
     rig, out = rig_on(checkout, family, "vcan0"), checkout / "runs/socketcan" / family
