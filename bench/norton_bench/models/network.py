@@ -282,8 +282,7 @@ class NortonNetwork:
     @property
     def _loop(self) -> tuple[float, float, float, float, float]:
         """As the compiled integrations take it (:mod:`norton_bench.models.servo_steps`); nothing without a servo."""
-        servo = self.servo
-        if servo is None:
+        if (servo := self.servo) is None:
             return 0.0, 0.0, 0.0, 1.0, inf
         limit = inf if self.torque_limit_nm is None else self.torque_limit_nm / abs(self.torque_gain)
         return servo.of_angle, servo.of_velocity, servo.delay_s, servo.window_s, limit
@@ -321,9 +320,8 @@ class NortonNetwork:
         try:
             Path(path).write_text(json.dumps(self._as_json(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         except OSError as error:
-            raise UsageError(
-                f"{path}: cannot write the network file ({error.strerror}); choose another place"
-            ) from error
+            sentence = f"{path}: cannot write the network file ({error.strerror}); choose another place"
+            raise UsageError(sentence) from error
 
     def _as_json(self) -> dict[str, Any]:
         parameters = {name: {"value": value, "unit": unit} for name, (value, unit) in self.parameters().items()}
