@@ -158,9 +158,12 @@ def run_campaign(trials: Sequence[FaultTrial], jobs: int, seed: int | None, on_o
         Exercise().require(trial.rig)
     by_rig = _in_lock_step(trials, jobs, seed, on_outcome)
     for trial, outcomes in zip(trials, by_rig, strict=True):
+        if not trial.losses:
+            continue
+        allowed = allowed_on(trial.rig)
         # One by one, and nothing beside them: they are about time.
         for case in trial.losses:
-            outcomes.append(lose_host(trial.rig, case, allowed_on(trial.rig), seed))
+            outcomes.append(lose_host(trial.rig, case, allowed, seed))
             on_outcome(outcomes[-1])
     return [outcome for outcomes in by_rig for outcome in outcomes]
 

@@ -47,8 +47,7 @@ class Peak(NamedTuple):
 
 
 NO_PEAK = Peak()
-
-
+# Kinds of faults after which a drive may hear nothing of the bench: only a watchdog of its own ends what it does.
 OUT_OF_REACH = ("dropout", "unplugged", "bus-off", "babbling-node", "host-stall", "host-killed", "host-stopped")
 
 
@@ -67,7 +66,7 @@ class Case:
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether a drive may hear nothing of the bench any more."""
+        """Whether a drive without a watchdog cannot be stopped."""
         return self.table["kind"] in OUT_OF_REACH
 
 

@@ -40,7 +40,7 @@ from norton_bench.models.terms import (
 )
 
 # The rotor's own frequency on the joint, with the port held: below this it would be a spring beside which nothing of
-# the motor is felt. Above half the rate of the readings none of them tells the joint from a rigid one.
+# the motor is felt.
 LEAST_HZ = 1.0
 START_HZ = (12.0, 30.0, 75.0, 190.0, 480.0)
 # Of the motor's inertia, and of critical damping: what a search begins with.
@@ -108,7 +108,7 @@ class _Point:
     def moved(self, step: FloatArray) -> tuple[Shape, FloatArray]:
         """Shape and linear unknowns a ``step`` further, within the box."""
         count = self.linear.size
-        low, high = _box(self.regression, self.shape)
+        low, high = box(self.regression, self.shape)
         shape = self.shape.at(np.clip(self.shape.as_array() + step[count:], low, high))
         return shape, self.linear + step[:count]
 
@@ -263,7 +263,7 @@ def _begun_on_pieces(near: Solution, shape: Shape, linear: FloatArray, zero_nm: 
     plain = regression.with_terms(shape.terms, zero_nm, middle_s)
     points = [
         _descend(_first(plain, *start), most_steps=FIRST_STEPS, within=ROUGH_STEP, held=True)[0]
-        for start in _joint_starts(shape, linear, plain.rows[0].signals.tick_s)
+        for start in _joint_starts(shape, linear, _greatest_hz(plain))
     ]
     points.sort(key=lambda point: float(point.innovation @ point.innovation))
     ends = (_descend(each, most_steps=PIECE_STEPS, within=ROUGH_STEP, held=True)[0] for each in points[:KEPT_STARTS])
@@ -271,13 +271,13 @@ def _begun_on_pieces(near: Solution, shape: Shape, linear: FloatArray, zero_nm: 
     return best.shape, best.linear[: len(LINEAR)]
 
 
-def _joint_starts(shape: Shape, linear: FloatArray, tick_s: float) -> Iterator[tuple[Shape, FloatArray]]:
+def _joint_starts(shape: Shape, linear: FloatArray, greatest_hz: float) -> Iterator[tuple[Shape, FloatArray]]:
     """The rigid motor's values, its inertia shared out between motor and output, and joints of some stiffnesses."""
     joint = joint_of(shape.terms)
     assert joint is not None
     motor = linear.copy()
     motor[INERTIA] /= 1.0 + START_OUTPUT
-    for frequency_hz in (each for each in START_HZ if each < 0.5 / tick_s):
+    for frequency_hz in (each for each in START_HZ if each < greatest_hz):
         rate = 2 * np.pi * frequency_hz
         begun = {
             JOINT_STIFFNESS: rate**2,
@@ -293,8 +293,13 @@ def _parameters(shape: Shape) -> list[tuple[NetworkTerm, TermParameter]]:
     return [(each, parameter) for each in shape.terms for parameter in each.term.parameters]
 
 
-def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
-    """The box searched."""
+def _greatest_hz(regression: Regression) -> float:
+    """Half the rate of the readings: none of them tells a joint that rings faster from a rigid one."""
+    return 0.5 / regression.rows[0].signals.tick_s
+
+
+def box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
+    """The box searched: least and greatest values of the shape's unknowns, (unknowns,) each, in their order."""
     low, high = limits(regression.rows[0].signals.tick_s)
     spans = [_span(regression, shape, *each) for each in _parameters(shape)]
     return np.array([*low, *(span[0] for span in spans)]), np.array([*high, *(span[1] for span in spans)])
@@ -303,7 +308,7 @@ def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
 def _span(regression: Regression, shape: Shape, term: NetworkTerm, parameter: TermParameter) -> tuple[float, float]:
     if term.term.factor is not Factor.JOINT:
         return span_of(regression, parameter)
-    rates = [2 * np.pi * each for each in (LEAST_HZ, 0.5 / regression.rows[0].signals.tick_s)]
+    rates = [2 * np.pi * each for each in (LEAST_HZ, _greatest_hz(regression))]
     critical = 2 * float(np.sqrt(shape.row[JOINT_STIFFNESS]))
     return {
         JOINT_STIFFNESS: (2 * float(np.log(rates[0])), 2 * float(np.log(rates[1]))),

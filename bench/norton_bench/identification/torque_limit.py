@@ -21,8 +21,9 @@ BEYOND = 1.1
 # A limit that holds leaves less than this of what was asked for.
 HELD = 0.95
 FEWEST_VISITS = 3
-# What is taken off the torque at the port, in the order of the regression's columns.
+# What is taken off the torque at the port, in the order of the regression's columns, and its places among all values.
 MOVES_AND_RUBS = ("inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
+PLACES = [2, 3, 4, 6]
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ def torque_limit(solution: Solution, values: FloatArray, covariance: FloatArray)
     if value > HELD * float(np.mean(visits.asked_nm)):
         return None
     scatter = float(np.std(visits.torque_nm, ddof=1)) / np.sqrt(count) * t_quantile(0.975, count - 1) / HALF_INTERVAL
-    chosen, slope = [2, 3, 4, 6], np.mean(visits.moving, axis=0)
-    std = float(np.sqrt(scatter**2 + slope @ covariance[np.ix_(chosen, chosen)] @ slope))
+    slope = np.mean(visits.moving, axis=0)
+    std = float(np.sqrt(scatter**2 + slope @ covariance[np.ix_(PLACES, PLACES)] @ slope))
     return Estimate("torque_limit", value, std, BY_NAME["torque_limit"].unit, Status.VALID)
 
 
@@ -62,7 +63,7 @@ def _visits(rows: Rows, solution: Solution, values: FloatArray) -> _Visits:
     columns = rows.columns(shape)[: DAMPING + 1]
     asked = columns[GAIN]
     moving = columns[INERTIA : DAMPING + 1]
-    torque_nm = rows.torque() - _zero(rows, solution) - values[[2, 3, 4, 6]] @ moving
+    torque_nm = rows.torque() - _zero(rows, solution) - values[PLACES] @ moving
     for place, periods in enumerate(solution.regression.cogging):
         pair = solution.linear[len(LINEAR) + 2 * place : len(LINEAR) + 2 * place + 2]
         torque_nm = torque_nm - pair @ rows.cogging(shape, periods)

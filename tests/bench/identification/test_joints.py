@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
+from norton_bench.identification.joint_fit import box
 from norton_bench.identification.judged_fit import JudgedFit, asked_for, objection
 from norton_bench.identification.model_error import expanded, model_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.shape import GAIN
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status
-from norton_bench.models.terms import NetworkTerm
+from norton_bench.models.terms import JOINT_STIFFNESS, NetworkTerm
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.few_draws import judged_with_few_draws
@@ -45,6 +46,13 @@ def test_motor_and_joint_are_found_from_nothing(told):
         assert abs(estimate.value - value) < FAR * estimate.std, (name, estimate, value)
     assert told.result.estimate("joint_stiffness").value == pytest.approx(10.0, rel=0.02)
     assert told.result.network.covariance_names[7:] == ("joint_stiffness", "joint_damping", "output_inertia")
+
+
+def test_no_joint_is_searched_for_that_rings_faster_than_readings_tell(told):
+    regression, shape = told.fitted.ground.solution.regression, told.fitted.ground.solution.shape
+    _, greatest = box(regression, shape)
+    stiffest = shape.at(greatest)
+    assert np.sqrt(stiffest.row[JOINT_STIFFNESS]) == pytest.approx(np.pi / TICK_S)
 
 
 def test_the_torque_is_the_sum_of_its_slopes(told):
