@@ -12,6 +12,7 @@ from typing import Annotated, Any, NamedTuple, TypedDict, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
+from norton_bench.arrays import IntArray
 from norton_bench.segments import Segment, Use
 from norton_drivers.readings import CurrentReading, MotionReading, RawFrame, TemperatureReading, TorqueReading
 from norton_drivers.servo import Servo
@@ -94,6 +95,11 @@ class Quantity(NamedTuple):
     column: str
     name: str
     unit: str
+
+
+def sent_ns(ticks: Table) -> IntArray:
+    """When the commands of each tick were sent, shape (ticks,)."""
+    return np.asarray(ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"])
 
 
 def has_device_clock(table: Table) -> bool:
@@ -246,12 +252,14 @@ class Chain:
 
     ``torque_averaging_s`` is the time over which the torque sensor itself averages. ``released_at_zero`` are the roles
     whose drive switches its bridge off at a command of zero: the current then ends without the lag of its loop.
-    ``servo`` is the actuator's own loop, where its command is a position or a velocity.
+    ``servo`` is the actuator's own loop, where its command is a position or a velocity. ``answers_commands`` are the
+    roles whose drive takes its readings when a command arrives, and answers with them.
     """
 
     torque_averaging_s: float = 0.0
     released_at_zero: frozenset[str] = frozenset()
     servo: Servo | None = None
+    answers_commands: frozenset[str] = frozenset()
 
 
 PLAIN_CHAIN = Chain()

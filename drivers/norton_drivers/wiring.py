@@ -55,6 +55,7 @@ class DeviceSettings:
     direction: int = 1
     options: Mapping[str, Any] = field(default_factory=dict)
     released_at_zero: bool = False  # as its driver's options have it
+    answers_commands: bool = False  # likewise
     dead_band: float = 0.0  # commands smaller than this do nothing, in the unit of its commands
     servo: Servo | None = None  # what it does with a command that is a position or a velocity
 
@@ -98,6 +99,10 @@ class DeviceOptions(BaseModel):
     # The units in which an amplifier can be commanded, each with what its options must be: {"A": {"mode": "current"}}.
     # Empty for a torque sensor, and for a driver that knows its unit only once it is open.
     command_units: ClassVar[Mapping[str, Mapping[str, object]]] = {}
+
+    # Whether the drive takes its readings when a command arrives, and answers with them: they then belong to the
+    # instants of the commands.
+    answers_commands: ClassVar[bool] = False
 
     # Options whose default is often not right: who writes a new rig file is asked for them.
     asked: ClassVar[tuple[str, ...]] = ()

@@ -9,11 +9,18 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import minimum_filter1d
 
-from norton_bench.arrays import BoolArray, FloatArray
+from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import standstill
-from norton_bench.identification.readings import SMALLEST_STEP_RAD, nominal_period_s, one_a_period, sampled_at_s
+from norton_bench.identification.readings import (
+    LATE_READINGS,
+    SMALLEST_STEP_RAD,
+    nominal_period_s,
+    one_a_period,
+    sampled_at_s,
+)
 from norton_bench.identification.redundancy import (
     contradictions,
     in_order,
@@ -22,7 +29,7 @@ from norton_bench.identification.redundancy import (
     useless_device_clock,
 )
 from norton_bench.identification.standstill import spikes
-from norton_bench.records import NO_DEVICE_TIME, Measured, Table, has_device_clock
+from norton_bench.records import NO_DEVICE_TIME, Measured, Table, has_device_clock, sent_ns
 
 FLAT_LEAST = 0.001
 # A step of the position that changes the speed by so many times what is usual, and by so many counts, is no motion.
@@ -36,27 +43,32 @@ LEAP_MARGIN_S = 0.03
 # At the end of a record a shaft may rest, though not while others swing by half of their range.
 AT_END = 0.5
 FEWEST = 100
+# Answers follow commands where their delays, as directions with one turn a period, have a mean at least this long:
+# that of delays spread evenly over 0.6 of a period. At random it would be below 1/sqrt(FEWEST).
+LEAST_RESULTANT = 0.5
 # Readings that are new more rarely than this tell nothing of a machine.
 SLOWEST_S = 0.025
 
 
 @dataclass(frozen=True)
 class RecordedColumn:
-    """One table of a recording: what it is called, its column of values and its stamps."""
+    """One table of a recording: what it is called, its column of values and its stamps; ``role`` is the drive's."""
 
     field: str
     name: str
     column: str
     stamp: str = "arrival_ns"
+    role: str = ""
 
 
 TICKS = RecordedColumn("ticks", "command", "command", "tick_ns")
 TORQUE = RecordedColumn("torque", "torque", "torque_nm")
 MOTIONS = (
-    RecordedColumn("motion", "position of the actuator", "position_rad"),
-    RecordedColumn("load_motion", "position of the load", "position_rad"),
+    RecordedColumn("motion", "position of the actuator", "position_rad", role="actuator"),
+    RecordedColumn("load_motion", "position of the load", "position_rad", role="load"),
 )
-STREAMS = (TICKS, TORQUE, *MOTIONS, RecordedColumn("current", "current", "current_a"))
+CURRENT = RecordedColumn("current", "current", "current_a", role="actuator")
+STREAMS = (TICKS, TORQUE, *MOTIONS, CURRENT)
 
 
 @dataclass(frozen=True)
@@ -96,6 +108,9 @@ def clean(measured: Measured) -> Cleaned:
     for stream in MOTIONS:
         if stream.field in tables:
             tables[stream.field] = _motion(stream, tables, origin_ns, remarks)
+    for stream in STREAMS:
+        if stream.role in measured.chain.answers_commands and {stream.field, "ticks"} <= tables.keys():
+            tables[stream.field] = placed_by_commands(tables[stream.field], sent_ns(tables["ticks"]))
     retained = replace(measured, **cast("dict[str, Any]", tables))
     return Cleaned(retained, Findings(tuple(remarks), tuple(contradictions(retained))))
 
@@ -190,6 +205,32 @@ def _motion(stream: RecordedColumn, tables: dict[str, Table], origin_ns: int, re
             "(counts are lost, or it wraps): what is around is left out; check the encoder."
         )
     return _kept(stream, table, ~(frozen | near))
+
+
+def placed_by_commands(table: Table, commanded_ns: IntArray) -> Table:
+    """Readings with which a drive answers commands, each with the instant of its command as ``device_ns``.
+
+    ``commanded_ns`` (m,) are those instants. On the way back answers wait for a system and its adapter, often as long
+    for seconds on end, in which their arrivals alone would bend the drive's clock. A reading belongs to the newest
+    command from which it is away as long as usual, half a period more or less. Unchanged where that is no rule.
+    """
+    if has_device_clock(table) or len(table) < FEWEST or commanded_ns.size < FEWEST:
+        return table
+    arrival_ns, period_ns = table["arrival_ns"], float(np.median(np.diff(commanded_ns)))
+    newest = np.searchsorted(commanded_ns, arrival_ns, side="right") - 1
+    share = (arrival_ns - commanded_ns[np.maximum(newest, 0)]) / period_ns
+    mean = np.mean(np.exp(2j * np.pi * share))
+    if np.abs(mean) < LEAST_RESULTANT:
+        return table
+    usual_ns = (np.angle(mean) / (2 * np.pi) % 1.0) * period_ns
+    earliest_ns = (arrival_ns - usual_ns + 0.5 * period_ns).astype(np.int64)
+    command = np.searchsorted(commanded_ns, earliest_ns, side="right") - 1
+    # What a stalled host hands over at once answers one command each.
+    counted = command - np.arange(command.size)
+    command = np.arange(command.size) + minimum_filter1d(counted, LATE_READINGS, origin=-(LATE_READINGS // 2))
+    placed = table.copy()
+    placed["device_ns"] = commanded_ns[np.maximum(command, 0)]
+    return placed[command >= 0]
 
 
 def _since_s(table: Table, origin_ns: int) -> FloatArray:

@@ -24,7 +24,7 @@ from norton_bench.identification.readings import (
     taken_late_s,
     unquantised,
 )
-from norton_bench.records import Measured, Table, has_device_clock
+from norton_bench.records import Measured, Table, has_device_clock, sent_ns
 from norton_bench.segments import Use
 from norton_drivers.servo import Servo
 
@@ -207,7 +207,7 @@ def positions_late_s(table: Table, origin_ns: int) -> FloatArray:
 
 def sent_at_s(ticks: Table, origin_ns: int) -> FloatArray:
     """When the commands of each tick were sent [s since ``origin_ns``], shape (ticks,)."""
-    return np.asarray((ticks["tick_ns"] + ticks["lateness_ns"] + ticks["work_ns"] - origin_ns) * 1e-9)
+    return np.asarray((sent_ns(ticks) - origin_ns) * 1e-9)
 
 
 def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:

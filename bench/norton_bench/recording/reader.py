@@ -112,6 +112,7 @@ def _chain(metadata: Mapping[str, str]) -> Chain:
         float(metadata.get("torque_averaging_s", "0")),
         frozenset(metadata.get("released_at_zero", "").split()),
         Servo(**json.loads(metadata["servo"])) if metadata.get("servo") else None,
+        frozenset(metadata.get("answers_commands", "").split()),
     )
 
 

@@ -105,7 +105,11 @@ def _drive(role: str, section: DeviceSection, options: Mapping[str, Any]) -> Dev
     if declared is None:
         return settings
     return replace(
-        settings, released_at_zero=declared.released_at_zero, dead_band=declared.dead_band, servo=declared.servo
+        settings,
+        released_at_zero=declared.released_at_zero,
+        answers_commands=declared.answers_commands,
+        dead_band=declared.dead_band,
+        servo=declared.servo,
     )
 
 

@@ -106,4 +106,5 @@ class Rig:
             0.0 if sensor is None else float(sensor.options.get("averaging", 0.0)),
             frozenset(device.role for device in self.wiring.devices() if device.released_at_zero),
             self.servo,
+            frozenset(device.role for device in self.wiring.devices() if device.answers_commands),
         )

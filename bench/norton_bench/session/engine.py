@@ -61,6 +61,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "tick_s": repr(rig.tick_s),
         "torque_averaging_s": repr(rig.chain.torque_averaging_s),
         "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
+        "answers_commands": " ".join(sorted(rig.chain.answers_commands)),
         **({} if rig.servo is None else {"servo": json.dumps(asdict(rig.servo))}),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "devices": "; ".join(

@@ -31,6 +31,7 @@ class DamiaoOptions(DeviceOptions):
     """What a rig file may say of a Damiao motor. Ranges that it does not give are as read from the motor."""
 
     asked: ClassVar = ("master", "beyond_range")
+    answers_commands: ClassVar = True
     command_units: ClassVar = {
         "N*m": {"mode": "torque"},
         "rad": {"mode": "position"},

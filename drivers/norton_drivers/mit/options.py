@@ -30,6 +30,7 @@ class MitOptions(DeviceOptions):
     """What a rig file may say of an actuator in MIT mode."""
 
     asked: ClassVar = ("beyond_range", "watchdog")
+    answers_commands: ClassVar = True
     command_units: ClassVar = {
         "N*m": {"mode": "torque"},
         "rad": {"mode": "position"},

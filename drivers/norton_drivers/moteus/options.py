@@ -15,6 +15,7 @@ from norton_drivers.wiring import DeviceOptions
 class MoteusOptions(DeviceOptions):
     """What a rig file may say of a moteus controller."""
 
+    answers_commands: ClassVar = True
     command_units: ClassVar = {
         "N*m": {"mode": "torque"},
         "rad": {"mode": "position"},

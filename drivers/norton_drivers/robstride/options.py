@@ -31,6 +31,7 @@ class RobStrideOptions(DeviceOptions):
     """What a rig file may say of a RobStride motor or a CyberGear."""
 
     asked: ClassVar = ("mode", "beyond_range")
+    answers_commands: ClassVar = True
     command_units: ClassVar = {
         "N*m": {"mode": "torque"},
         "A": {"mode": "current"},
