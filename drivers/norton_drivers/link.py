@@ -20,7 +20,7 @@ class Link:
 
     ``keep_alive`` is called while a driver waits: drives that are already enabled want their watchdogs fed.
     ``questions`` are called before every poll: a device that speaks only when it is spoken to is asked there. Neither
-    may wait.
+    may wait. What is asked once a tick is not asked where the bench ``reads_ahead``.
     """
 
     backend: Backend
@@ -29,6 +29,7 @@ class Link:
     serial_ports: dict[str, SerialPort] = field(default_factory=dict)
     keep_alive: Callable[[], None] | None = None
     questions: list[Callable[[], None]] = field(default_factory=list)
+    reads_ahead: bool = field(default=False, init=False)
     _polls: list[Callable[[], int]] = field(default_factory=list, init=False)  # of every open port
     _shared: dict[object, Any] = field(default_factory=dict, init=False)
 
@@ -75,6 +76,14 @@ class Link:
                 lost = error
         if lost is not None:
             raise lost
+
+    def read_ahead(self) -> None:
+        """A poll between two ticks. Raises ConnectionFailedError as :meth:`poll`."""
+        self.reads_ahead = True
+        try:
+            self.poll()
+        finally:
+            self.reads_ahead = False
 
     def wait(self, duration_ns: int = POLL_INTERVAL_NS) -> None:
         """Let ``duration_ns`` pass, then poll: what a driver does while it waits for an answer."""
@@ -147,7 +156,7 @@ class Questions:
     late; so nothing more is asked until the other, if there is one, must have come too, and found nobody waiting.
 
     ``ask`` sends the question. ``pause_s`` is how long the device or its line wants to be left alone after an
-    answer. ``once_a_poll``: what answers quickly is not asked twice in one poll, so that its readings come evenly.
+    answer. ``once_a_tick``: what answers quickly is not asked twice in a tick, so that its readings come evenly.
     ``answers`` and ``unanswered`` count. While ``hushed``, nothing is asked.
     """
 
@@ -158,7 +167,7 @@ class Questions:
         timeout_s: float,
         pause_s: float = 0.0,
         *,
-        once_a_poll: bool = False,
+        once_a_tick: bool = False,
     ) -> None:
         self.answers = 0
         self.unanswered = 0
@@ -171,12 +180,15 @@ class Questions:
         self._overdue = False
         self._given_up = False  # whether the question before the present one got no answer
         self._free_ns = 0  # when the next question may be asked
-        self._once_a_poll = once_a_poll
-        self._asked_in_poll = False
+        self._once_a_tick = once_a_tick
+        self._asked_in_tick = False
+        self._link = link
         link.questions.append(self._begin_poll)
 
     def _begin_poll(self) -> None:
-        self._asked_in_poll = False
+        if self._once_a_tick and self._link.reads_ahead:
+            return
+        self._asked_in_tick = False
         self.ask_if_due()
 
     def ask_if_due(self) -> None:
@@ -210,10 +222,10 @@ class Questions:
             self._free_ns = asked_ns + self._timeout_ns if self._given_up else arrival_ns + self._pause_ns
             # At once rather than at the next poll: a tick is as long as some devices take to answer. But a device that
             # takes no time at all must not keep the poll from ending.
-            if self._clock.now_ns() > asked_ns and not (self._once_a_poll and self._asked_in_poll):
+            if self._clock.now_ns() > asked_ns and not (self._once_a_tick and self._asked_in_tick):
                 self.ask_if_due()
         return asked_ns
 
     def _send(self, now_ns: int) -> None:
-        self._asked_ns, self._overdue, self._asked_in_poll = now_ns, False, True
+        self._asked_ns, self._overdue, self._asked_in_tick = now_ns, False, True
         self._ask()

@@ -101,7 +101,7 @@ class SerialDrive(DriveBase):
         self._aside: Question | None = None  # asked behind a command
         self._aside_ns = self._commanded_ns = self._fed_ns = 0
         self._timeout_ns = round(options.timeout_s * 1e9)
-        self.questions = Questions(link, self._ask, options.timeout_s, once_a_poll=True)
+        self.questions = Questions(link, self._ask, options.timeout_s, once_a_tick=True)
         self._port.subscribe(self._on_bytes)
 
     # ---- What a driver says --------------------------------------------------------------------------------------

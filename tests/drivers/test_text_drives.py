@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,22 @@ def test_an_odrives_readings_come_in_every_tick(bench: Callable[..., Bench]) -> 
     status = here.drive.status()
     assert status.bus_voltage_v == 24.0
     assert status.transistor_temperature_c == pytest.approx(25, abs=2)
+
+
+def test_a_bench_that_reads_ahead_asks_no_more_often(bench: Callable[..., Bench]) -> None:
+    """A loop looks at its ports again and again just before a tick; readings must come evenly nevertheless."""
+    here = bench(ODRIVE)
+    here.drive.enable()
+    here.run(100)
+    here.drive.take_motion()
+    for _ in range(500):
+        here.drive.command(0.0)
+        here.link.poll()
+        for part_us in (1600, 100, 100, 100, 100):
+            here.link.clock.wait_until_ns(here.link.clock.now_ns() + 1000 * part_us)
+            here.link.read_ahead()
+    asked_ns = [reading.device_ns for reading in here.drive.take_motion()]
+    assert {after - before for before, after in pairwise(asked_ns[1:])} == {2_000_000}
 
 
 @pytest.mark.parametrize(("role", "words"), [("actuator", "bus voltage too low"), ("load", "system-level fault")])

@@ -257,7 +257,7 @@ class Loop:
 
     def _read_ahead(self) -> None:
         """While the tick waits: what has come by then need not be read when time is short."""
-        self.devices.link.poll()
+        self.devices.link.read_ahead()
         self.outbox.put_waiting()
 
     def _skip_missed(self, run: SegmentRun, now_ns: int) -> int:

@@ -51,7 +51,8 @@ class Master:
     """``node`` is the master's own node id: devices may watch its heartbeat, which says that it is operational.
 
     The heartbeat is sent from :meth:`beat`, which drivers call with their commands: if the loop stands still, it
-    stops. SYNC is sent when the ports are polled. Frames of the bus's own echo are from no device and are passed over.
+    stops. SYNC is sent when the ports are polled in a tick. Frames of the bus's own echo are from no device and are
+    passed over.
     """
 
     def __init__(self, port: CanPort, link: Link, node: int) -> None:
@@ -60,6 +61,7 @@ class Master:
         self.node = node
         self.network = _PortNetwork(port)
         self.port = port
+        self._link = link
         self._clock = link.clock
         self._listeners: dict[int, Listener] = {}
         self._sync_ns = 0  # 0: nobody wants it
@@ -109,7 +111,7 @@ class Master:
             self.port.send(*self._heartbeat)
 
     def _sync(self) -> None:
-        if not self._sync_ns:
+        if not self._sync_ns or self._link.reads_ahead:
             return
         now_ns = self._clock.now_ns()
         if now_ns >= self._next_sync_ns:

@@ -116,6 +116,16 @@ def test_a_poll_has_at_most_one_sync_whoever_wants_it(drive, world, link, open_d
     assert [frame.arbitration_id for frame in drive.sent] == [0x80] * 50
 
 
+def test_a_bench_that_reads_ahead_sends_no_sync(drive, link, open_drive):
+    open_drive(feedback="sync")
+    drive.sent.clear()
+    for _ in range(50):
+        link.wait(800_000)
+        link.clock.wait_until_ns(link.clock.now_ns() + 200_000)
+        link.read_ahead()
+    assert [frame.arbitration_id for frame in drive.sent] == [0x80] * 50
+
+
 def test_the_interpolation_period_is_that_of_the_commands(drive, open_drive):
     open_drive(period=4e-3)
     assert [drive.parameters[0x60C2, sub] for sub in (2, 1)] == [b"\xfd", b"\4"]
