@@ -37,8 +37,8 @@ def test_what_is_there_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert mine.read_text() == "# mine"
     copied = capsys.readouterr().out
     assert app.main(["examples", str(tmp_path)]) == ExitCode.OK
-    assert "0 files copied" in capsys.readouterr().out
-    assert "0 files copied" not in copied
+    assert capsys.readouterr().out.startswith("0 files copied")
+    assert not copied.startswith("0 files copied")
 
 
 def test_a_folder_that_cannot_be_written_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
