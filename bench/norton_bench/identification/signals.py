@@ -33,6 +33,11 @@ FINE = 4
 # Wide enough to leave everything below a quarter of the sampling rate as it is.
 INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
 LONGEST_GAP_S = 0.05
+# Readings further apart than so many periods have one missing between them.
+LONGEST_STEP = 1.5
+# Around each of those a few are left out: with this share of them, everything.
+MOST_UNEVEN = 0.25
+UNEVEN_QUANTILES = (0.05, 0.95)
 Span = tuple[float, float]  # begin and end [s]
 SHORTEST_STRETCH_TICKS = 100
 # Rows of a shaft that hardly moves are left out, unless little else would remain.
@@ -113,8 +118,23 @@ def signals(
     ]
     useful = tuple(stretch for stretch in stretches if stretch.usable.any())
     if not useful:
-        raise ExperimentError(f'nothing was recorded to be used for "{use.value}": run the procedures that measure it')
+        uneven = _uneven(streams["position"], f"the {port.value}'s motion")
+        raise ExperimentError(
+            uneven or f'nothing was recorded to be used for "{use.value}": run the procedures that measure it'
+        )
     return useful
+
+
+def _uneven(stream: "TimeSeries", name: str) -> str:
+    """What is wrong with readings of which most come after a gap; empty where that is not so."""
+    steps_s = np.diff(stream.time_s)
+    if np.count_nonzero(steps_s > LONGEST_STEP * stream.period_s) <= MOST_UNEVEN * steps_s.size:
+        return ""
+    shortest_ms, longest_ms = 1e3 * np.quantile(steps_s, UNEVEN_QUANTILES)
+    return (
+        f"readings of {name} come too unevenly for a fit, {shortest_ms:.2g} to {longest_ms:.2g} ms apart: choose a "
+        "lower [rig] rate, and see with `rig check` how long answers take"
+    )
 
 
 @dataclass(frozen=True)
@@ -136,7 +156,7 @@ class TimeSeries:
 
     def _filled(self) -> tuple[FloatArray, FloatArray]:
         steps = np.diff(self.time_s)
-        gaps = np.flatnonzero((steps > 1.5 * self.period_s) & (steps < LONGEST_GAP_S))
+        gaps = np.flatnonzero((steps > LONGEST_STEP * self.period_s) & (steps < LONGEST_GAP_S))
         if not gaps.size:
             return self.time_s, self.value
         missing = [
@@ -153,7 +173,7 @@ class TimeSeries:
 
     def covers(self, grid_s: FloatArray) -> BoolArray:
         """Where no reading is missing within the kernel's main lobe."""
-        gaps = np.flatnonzero(np.diff(self.time_s) > 1.5 * self.period_s)
+        gaps = np.flatnonzero(np.diff(self.time_s) > LONGEST_STEP * self.period_s)
         covered = np.ones(grid_s.size, dtype=bool)
         for gap in gaps:
             reach = 3 * self.period_s

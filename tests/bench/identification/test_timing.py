@@ -1,14 +1,20 @@
 """Sampling instants out of arrivals."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from norton_bench.errors import ExperimentError
 from norton_bench.identification.readings import sampled_at_s, taken_late_s
 from norton_bench.identification.redundancy import jumps
-from norton_bench.identification.signals import instants
+from norton_bench.identification.signals import instants, signals
 from norton_bench.records import MOTION, NO_DEVICE_TIME, TORQUE
-from tests.bench.identification.synthetic import looked_at
+from norton_bench.segments import Use
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, looked_at
 
 
 def arrivals(taken_s, rng, delay_s=4e-4, jitter_s=1e-4):
@@ -149,3 +155,15 @@ def test_readings_of_a_drive_that_is_asked_are_placed_by_their_questions():
     assert np.ptp(time_s - asked_ns * 1e-9) < 20e-6
     table["device_ns"] = NO_DEVICE_TIME
     assert np.ptp(instants(table, 0)[0] - asked_ns * 1e-9) > 1e-3, "arrivals alone do not tell"
+
+
+def test_readings_that_come_in_pairs_are_told_to_be_uneven():
+    """And not that nothing was recorded. Those that come as evenly as they should can only be missing."""
+    measured = synthetic.experiment(1, free=False, blocked=False, multisine_s=3.0)
+    motion = measured.motion.copy()
+    motion["device_ns"] = np.arange(len(motion)) * 1_000_000
+    motion["device_ns"][1::2] -= 700_000
+    with pytest.raises(ExperimentError, match=r"readings of the actuator's motion come too unevenly .* 0.3 to 1.7 ms"):
+        signals(replace(measured, motion=motion), TICK_S, Use.IDENTIFY)
+    with pytest.raises(ExperimentError, match="nothing was recorded"):
+        signals(measured, TICK_S, Use.CALIBRATE)

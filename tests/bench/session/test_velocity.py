@@ -50,6 +50,12 @@ def test_every_parameter_is_found(fitted):
         assert estimate.value == pytest.approx(true, abs=0.01 * true + 4.0 * estimate.std), estimate
 
 
+def test_the_recording_keeps_what_is_known_of_the_devices(recorded):
+    chain = recorded.measured.chain
+    assert chain == load_rig(RIG).chain
+    assert chain.answers_commands == {"actuator"}, "an ODrive sends by itself"
+
+
 def test_the_source_that_is_measured_is_that_of_the_motor_behind_its_loop(recorded):
     truth = {name: value for name, (value, _) in true_parameters(load_rig(RIG)).items()}
     gain, damping, friction = (truth[name] for name in ("torque_gain", "viscous_damping", "coulomb_torque"))
