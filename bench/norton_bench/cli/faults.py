@@ -114,12 +114,14 @@ def faults_data(outcomes: Sequence["CaseResult"]) -> dict[str, Any]:
 def faults_text(outcomes: Sequence["CaseResult"]) -> str:
     """The same for a terminal: a line of figures for each fault; below it what detected it, or why it is no danger.
     Times and peaks count from the fault on."""
+    from norton_bench.faults.case import Verdict  # noqa: PLC0415
+
     lines: list[str] = []
     for (family, rig), group in groupby(outcomes, key=lambda outcome: (outcome.family, outcome.rig)):
         lines += [*_family_lines(family, rig, list(group)), ""]
     safe = sum(outcome.verdict.safe for outcome in outcomes)
     skipped, going_on = (
-        sum(outcome.verdict.value == ends for outcome in outcomes) for ends in ("skipped", "no watchdog")
+        sum(outcome.verdict is ends for outcome in outcomes) for ends in (Verdict.SKIPPED, Verdict.NO_WATCHDOG)
     )
     left_out = f", {skipped} skipped" if skipped else ""
     last = f"{safe} of {len(outcomes) - skipped} faults end safely{left_out}."
