@@ -223,8 +223,8 @@ def placed_by_commands(table: Table, commanded_ns: IntArray) -> Table:
     if np.abs(mean) < LEAST_RESULTANT:
         return table
     usual_ns = (np.angle(mean) / (2 * np.pi) % 1.0) * period_ns
-    earliest_ns = (arrival_ns - usual_ns + 0.5 * period_ns).astype(np.int64)
-    command = np.searchsorted(commanded_ns, earliest_ns, side="right") - 1
+    latest_ns = (arrival_ns - usual_ns + 0.5 * period_ns).astype(np.int64)
+    command = np.searchsorted(commanded_ns, latest_ns, side="right") - 1
     # What a stalled host hands over at once answers one command each.
     counted = command - np.arange(command.size)
     command = np.arange(command.size) + minimum_filter1d(counted, LATE_READINGS, origin=-(LATE_READINGS // 2))

@@ -155,7 +155,9 @@ def solve_behind(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -
         begins = [_begun_on_pieces(near, shape, linear, zero_nm)]
     plain = replace(_plain(near.regression), cogging=()).with_terms(terms, zero_nm, near.regression.middle_s)
     at = min((_first(plain, *each) for each in begins), key=lambda point: float(point.innovation @ point.innovation))
-    at, _ = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
+    at, near_by = _descend(at, most_steps=MOST_STEPS, within=ROUGH_STEP)
+    if not near_by:  # a search that does not settle even roughly has no end, and every step takes seconds
+        return at.solution(converged=False)
     at = _with_cogging(at)
     at, converged = _descend(at, most_steps=MOST_STEPS, within=CONVERGED_STEP)
     return at.solution(converged=converged)

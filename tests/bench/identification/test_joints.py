@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.identification import joint_fit
 from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
 from norton_bench.identification.joint_fit import box
 from norton_bench.identification.judged_fit import JudgedFit, asked_for, objection
@@ -53,6 +54,16 @@ def test_no_joint_is_searched_for_that_rings_faster_than_readings_tell(told):
     _, greatest = box(regression, shape)
     stiffest = shape.at(greatest)
     assert np.sqrt(stiffest.row[JOINT_STIFFNESS]) == pytest.approx(np.pi / TICK_S)
+
+
+def test_a_search_that_comes_to_no_end_on_the_whole_record_is_given_up(told, monkeypatch):
+    """It costs seconds a step there, and finer steps need many more of them."""
+    searched = []
+    monkeypatch.setattr(joint_fit, "_descend", lambda at, **_: (at, False))
+    monkeypatch.setattr(joint_fit, "_with_cogging", searched.append)
+    near = told.fitted.ground.solution
+    assert not joint_fit.solve_behind(near, near.shape.terms, zero_nm=0.0).converged
+    assert not searched
 
 
 def test_the_torque_is_the_sum_of_its_slopes(told):
