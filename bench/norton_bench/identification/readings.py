@@ -16,6 +16,7 @@ KNOT_S = 20.0
 # A line below all arrivals must be long enough to meet early ones. A crystal that warms changes its rate by some 0.8
 # parts in a million within two minutes: that moves a clock by 12 µs aside of a straight line.
 KNOT_BELOW_S = 120.0
+BENDS_S = 12e-6
 # Delays are compared between blocks of so many readings: a quarter of a second at 1 kHz.
 DELAY_BLOCK = 256
 # After a silence longer than this many periods, the count of readings cannot be trusted and starts anew.
@@ -26,6 +27,10 @@ FEW_READINGS = 8
 TRIMMED_ROUNDS = 4
 TRIMMED_AT = 3.0
 NORMAL_OF_MEDIAN_DEVIATION = 1.4826
+# Medians of many independent normal values scatter by so much more than their means; for even ones it is about the same.
+MEDIAN_OF_NORMAL = 1.2533
+# Even of FEW_READINGS blocks the scatter is known to a quarter: twice what independent delays make is three deviations.
+DEPENDENT = 2.0
 # Deviations from which readings are taken to be uneven: neighbours of one difference err alike, which makes deviations
 # seem smaller than they are by up to two.
 SIGNIFICANT = 8.0
@@ -141,14 +146,15 @@ def _by_own_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:
 
 
 def _waits(late_s: FloatArray) -> bool:
-    """Whether delays (n,) differ more from block to block than within blocks."""
+    """Whether delays (n,) differ from block to block by more than independent delays would, and by enough to matter."""
     count = late_s.size // DELAY_BLOCK
     if count < FEW_READINGS:
         return False
     blocks = late_s[: count * DELAY_BLOCK].reshape(count, DELAY_BLOCK)
     medians = np.median(blocks, axis=1)
     within = NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(blocks - medians[:, None])))
-    return float(np.std(medians)) > within
+    independent = MEDIAN_OF_NORMAL * within / np.sqrt(DELAY_BLOCK)
+    return float(np.std(medians)) > max(DEPENDENT * independent, BENDS_S)
 
 
 def _line_below(x: FloatArray, y: FloatArray) -> FloatArray:
