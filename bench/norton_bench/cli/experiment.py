@@ -29,6 +29,12 @@ Until = Annotated[
 AtMost = Annotated[str | None, Parameter(help=f'Limit of the bench time of --until; default "{AT_MOST}".')]
 OtherRig = Annotated[Path | None, Parameter(name="--rig", help="A rig file; replaces that of the session.")]
 DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print the plan. Opens nothing.")]
+Live = Annotated[
+    bool,
+    Parameter(
+        negative="--no-live", show_default=False, help="Identify while it runs; without, a simulation takes half."
+    ),
+]
 JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]
 SetValue = Annotated[
     list[str] | None, Parameter(name="--set", help="Set a parameter of the session: --set speed=40. May be repeated.")
@@ -57,6 +63,7 @@ class RunOptions:
     resume: Path | None = None
     answers: dict[str, str] = field(default_factory=dict)
     yes: bool = False
+    live: bool = True
 
 
 def identify(
@@ -69,6 +76,7 @@ def identify(
     seed: Seed = None,
     out: Out = None,
     junit: JUnit = None,
+    live: Live = True,
     dry_run: DryRun = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -85,7 +93,7 @@ def identify(
     output = Output(json, quiet)
     if dry_run:
         return show_plan(rig, session, RunOptions(seed=seed), output)
-    return perform(rig, session, RunOptions(out, seed, junit), output)
+    return perform(rig, session, RunOptions(out, seed, junit, live=live), output)
 
 
 def run(
@@ -101,6 +109,7 @@ def run(
     seed: Seed = None,
     out: Out = None,
     junit: JUnit = None,
+    live: Live = True,
     dry_run: DryRun = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -116,7 +125,7 @@ def run(
         raise UsageError(f'{session_file}: has no rig; add rig = "../rigs/my-rig.toml", or give --rig')
     rig, output = load_rig(place, backend=backend), Output(json, quiet)
     seed = session.seed if seed is None else seed
-    options = RunOptions(out, seed, junit, resume, operator.parsed(answer or ()), yes)
+    options = RunOptions(out, seed, junit, resume, operator.parsed(answer or ()), yes, live)
     return (show_plan if dry_run else perform)(rig, session, options, output)
 
 
@@ -184,6 +193,7 @@ def _run(rig: "Rig", session: "Session", folder: Path, options: RunOptions, outp
             operator=operator,
             answers=Answers(options.answers, options.yes),
             resume=options.resume,
+            live=options.live,
         )
 
 

@@ -120,7 +120,7 @@ def prepare(rig: Rig, seed: int | None = None) -> Prepared:
     Exercise().require(rig)
     with TemporaryDirectory() as folder:
         session = Session((), "faults, calibration")
-        known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed).knowledge
+        known = record_procedures(rig, session, BEFORE, out=Path(folder), seed=seed, live=False).knowledge
     seen = replace(rig, supervision=replace(rig.supervision, verify_watchdogs=False))  # just now: once is enough
     return Prepared(seen, known, allowed_on(rig))
 
@@ -177,6 +177,7 @@ def _run(prepared: Prepared, case: Case, backend: Rehearsal, seed: int | None) -
                 known=prepared.known,
                 seed=seed,
                 on_event=listener,
+                live=False,
             )
         except (BenchError, DeviceError) as stopped_by:
             error = str(stopped_by)

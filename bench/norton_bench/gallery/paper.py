@@ -182,7 +182,7 @@ def measure(
         yield from chosen
 
     with TemporaryDirectory(prefix="norton-bench-") as folder:
-        recorded = record_script(replace(rig, candump=False), script, out=Path(folder), seed=seed)
+        recorded = record_script(replace(rig, candump=False), script, out=Path(folder), seed=seed, live=False)
     tare = recorded.knowledge.tare
     if tare is None:
         raise ExperimentError(f"gallery, {name}: was not tared")

@@ -27,7 +27,7 @@ FEW_READINGS = 8
 TRIMMED_ROUNDS = 4
 TRIMMED_AT = 3.0
 NORMAL_OF_MEDIAN_DEVIATION = 1.4826
-# Medians of many independent normal values scatter by so much more than their means; for even ones it is about the same.
+# Medians of many independent normal values scatter by so much more than their means; of even ones about as much.
 MEDIAN_OF_NORMAL = 1.2533
 # Even of FEW_READINGS blocks the scatter is known to a quarter: twice what independent delays make is three deviations.
 DEPENDENT = 2.0
@@ -153,7 +153,7 @@ def _waits(late_s: FloatArray) -> bool:
     blocks = late_s[: count * DELAY_BLOCK].reshape(count, DELAY_BLOCK)
     medians = np.median(blocks, axis=1)
     within = NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(blocks - medians[:, None])))
-    independent = MEDIAN_OF_NORMAL * within / np.sqrt(DELAY_BLOCK)
+    independent = MEDIAN_OF_NORMAL * within / float(np.sqrt(DELAY_BLOCK))
     return float(np.std(medians)) > max(DEPENDENT * independent, BENDS_S)
 
 

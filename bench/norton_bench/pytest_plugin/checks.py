@@ -183,19 +183,32 @@ class Runs:
         values: Mapping[str, Any] | None = None,
         answers: Mapping[str, str] | None = None,
         fresh: bool = False,
+        live: bool = False,
     ) -> SessionOutcome:
         """What ``session`` (a file, or one in hand; the standard session where none is given) finds on ``rig``.
 
         ``values`` are for the session file's parameters, ``answers`` for its prompts; all others are answered with
-        "yes". The same run is not run twice, unless it is to be ``fresh``. Raises what the session ends with.
+        "yes". The same run is not run twice, unless it is to be ``fresh``. With ``live`` parameters are identified while
+        it runs, too. Raises what the session ends with.
         """
         chosen = _session(session, rig, values or {})
-        key = (rig.text, rig.place, chosen.place, chosen.text, repr(chosen.steps), seed, repr(values), repr(answers))
+        key = (
+            rig.text,
+            rig.place,
+            chosen.place,
+            chosen.text,
+            repr(chosen.steps),
+            seed,
+            repr(values),
+            repr(answers),
+            live,
+        )
         if fresh or key not in self._outcomes:
             folder = self.out / f"{len(list(self.out.glob('*'))) + 1}-{rig.name}"
             folder.mkdir(parents=True)
             ready = Answers(dict(answers or {}), yes=True)
-            self._outcomes[key] = SessionOutcome(run_session(rig, chosen, out=folder, seed=seed, answers=ready))
+            result = run_session(rig, chosen, out=folder, seed=seed, answers=ready, live=live)
+            self._outcomes[key] = SessionOutcome(result)
         return self._outcomes[key]
 
 

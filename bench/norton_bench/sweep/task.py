@@ -77,7 +77,7 @@ class Task(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedTask:
-    """One session on a simulated rig. Files are kept in ``keep``/<name>, or not at all."""
+    """One session on a simulated rig, identified at its end. Files are kept in ``keep``/<name>, or not at all."""
 
     rig: Rig
     session: Session
@@ -96,11 +96,11 @@ class SimulatedTask:
         if self.keep is not None:
             folder = self.keep / self.name.replace(" ", "-")
             folder.mkdir(parents=True, exist_ok=True)
-            return run_session(self.rig, self.session, out=folder, seed=self.seed).fit
+            return run_session(self.rig, self.session, out=folder, seed=self.seed, live=False).fit
         rig = replace(self.rig, candump=False)
         with TemporaryDirectory(prefix="norton-bench-") as folder_name:
-            measured = record_session(rig, self.session, out=Path(folder_name), seed=self.seed).measured
-        return fit_judged(clean(measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
+            recorded = record_session(rig, self.session, out=Path(folder_name), seed=self.seed, live=False)
+        return fit_judged(clean(recorded.measured), command_unit=rig.command.unit, tick_s=rig.tick_s).result
 
 
 @dataclass(frozen=True)

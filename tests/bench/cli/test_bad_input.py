@@ -306,7 +306,7 @@ def test_the_installed_program_says_the_same(tmp_path: Path) -> None:
 def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a recording, three quarters of it, and things that are none."""
     folder = tmp_path_factory.mktemp("recordings")
-    whole = record_session(load_rig(ALONE_FILE), SHORT, out=folder / "whole", seed=1).recording.rename(
+    whole = record_session(load_rig(ALONE_FILE), SHORT, out=folder / "whole", seed=1, live=False).recording.rename(
         folder / "whole.mcap"
     )
     content = whole.read_bytes()
@@ -315,7 +315,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "notes.txt").write_text("not a recording")
     (folder / "folder.mcap").mkdir()
     tared = Session(SHORT.steps[:1], "")
-    record_session(load_rig(ALONE_FILE), tared, out=folder / "tare", seed=1).recording.rename(folder / "tare.mcap")
+    record_session(load_rig(ALONE_FILE), tared, out=folder / "tare", seed=1, live=False).recording.rename(
+        folder / "tare.mcap"
+    )
     with (folder / "foreign.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()

@@ -162,6 +162,17 @@ def test_run_takes_rig_and_seed_from_the_session_unless_told(engine: Engine, tmp
     assert engine.asked["rig"].backend == "hardware"
 
 
+@pytest.mark.parametrize(("option", "live"), [([], True), (["--no-live"], False)])
+def test_identifying_while_it_runs_can_be_left_out(
+    engine: Engine, tmp_path: Path, option: list[str], live: bool
+) -> None:
+    session = tmp_path / "s.toml"
+    session.write_text('[[step]]\ndo = "tare"\n')
+    for arguments in (["identify", str(RIG)], ["run", str(session), "--rig", str(RIG)]):
+        assert app.main([*arguments, "--out", str(tmp_path), "--quiet", *option]) == ExitCode.OK
+        assert engine.asked["live"] is live
+
+
 def test_a_safety_stop_keeps_its_code_and_says_where_the_data_are(
     engine: Engine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -91,7 +91,7 @@ def test_a_disk_that_fills_up_ends_the_recording_in_good_order(small: Path, part
 def test_a_session_whose_disk_fills_up_is_stopped_with_the_drives_idle(small: Path, monkeypatch) -> None:
     monkeypatch.setattr(disk, "BYTES_A_TICK", 1.0)  # or it would be refused
     with pytest.raises(ExperimentError, match="the disk is full; what was measured until then is whole"):
-        engine.run_session(RIG, SESSION, out=small, seed=1)
+        engine.run_session(RIG, SESSION, out=small, seed=1, live=False)
     measured = read_recording(small / "sim-odrive.mcap").measured
     assert len(measured.ticks) > 1000
     assert "the disk is full" in next(event.text for event in measured.events if event.kind == "stop")
@@ -99,7 +99,7 @@ def test_a_session_whose_disk_fills_up_is_stopped_with_the_drives_idle(small: Pa
 
 def test_a_session_for_which_there_is_no_room_does_not_begin(small: Path) -> None:
     with pytest.raises(ExperimentError, match=r"the 15 s planned take about \d+ MB, .* has \d+ MB left; make room"):
-        engine.run_session(RIG, SESSION, out=small, seed=1)
+        engine.run_session(RIG, SESSION, out=small, seed=1, live=False)
     assert list(small.iterdir()) == []
 
 

@@ -169,7 +169,7 @@ def session(_so_far):
 
 
 def fitted(rig, out, seed):
-    measured = record_script(rig, session, out=out, seed=seed).measured
+    measured = record_script(rig, session, out=out, seed=seed, live=False).measured
     return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
 
 

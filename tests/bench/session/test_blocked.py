@@ -22,7 +22,7 @@ def test_friction_leaves_what_the_history_says(tmp_path):
         Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=1.0)),  # for commands of everyday size
         Step("blocked", blocked),
     )
-    recorded = record_session(RIG, Session(steps, "short"), out=tmp_path, seed=2)
+    recorded = record_session(RIG, Session(steps, "short"), out=tmp_path, seed=2, live=False)
     found, motor = blocked_map(recorded.measured), read_truth(RIG.simulated, seed=None, place="").actuator.motor
     drive_nm = motor.Km * motor.Ka * found.command
     assert [np.count_nonzero(found.chosen(history)) for history in ("slow", "fast", "rest")] == [4, 4, 2]

@@ -30,7 +30,7 @@ SESSION = Session(
 
 def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
     """The parameters by name, each within its own deviations of the true one."""
-    measured = record_session(rig, SESSION, out=out, seed=SEED).measured
+    measured = record_session(rig, SESSION, out=out, seed=SEED, live=False).measured
     result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
     found = {estimate.name: estimate for estimate in result.estimates}
     truth = true_parameters(rig.simulated, seed=SEED, place="", command_unit=rig.command.unit)

@@ -18,7 +18,6 @@ from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recover import recover
 from norton_bench.recording.schemas import OUTCOME
-from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 from norton_bench.session.conclusion import (
@@ -30,7 +29,7 @@ from norton_bench.session.conclusion import (
     conclude,
     conclude_recording,
 )
-from norton_bench.session.engine import record_session
+from norton_bench.session.engine import RecordedSession, record_session
 from norton_bench.session.live_feed import replayed
 from norton_bench.session.schema import Session, Step
 from norton_sim.tools import true_parameters
@@ -59,10 +58,10 @@ def recording(performed: Performed) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def again(performed: Performed, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Measured]:
-    """The session's first steps once more, with another seed or the same."""
-    return lambda seed, *steps: (
-        record_session(RIG, session_of(*steps), out=tmp_path_factory.mktemp("again"), seed=seed).measured
+def again(performed: Performed, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., RecordedSession]:
+    """The session's first steps once more, with another seed or the same, without live values."""
+    return lambda seed, *steps: record_session(
+        RIG, session_of(*steps), out=tmp_path_factory.mktemp("again"), seed=seed, live=False
     )
 
 
@@ -247,16 +246,19 @@ def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Perf
     assert not any(segment.preview for segment in recording.measured.segments if "imposed" in segment.name)
 
 
-def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callable[..., Measured]) -> None:
+def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callable[..., RecordedSession]) -> None:
+    """Identifying while it runs changes nothing of what is measured."""
     second = again(SEED, TARE, CALIBRATE)
+    assert performed.result.live
+    assert not second.live
     for name in TABLES:
-        table = getattr(second, name)
+        table = getattr(second.measured, name)
         assert len(table) > 100
         assert table.tobytes() == getattr(performed.result.measured, name)[: len(table)].tobytes(), name
 
 
-def test_another_seed_gives_others(performed: Performed, again: Callable[..., Measured]) -> None:
-    second = again(SEED + 1, TARE).torque["torque_nm"][:400]
+def test_another_seed_gives_others(performed: Performed, again: Callable[..., RecordedSession]) -> None:
+    second = again(SEED + 1, TARE).measured.torque["torque_nm"][:400]
     first = performed.result.measured.torque["torque_nm"][:400]
     assert np.count_nonzero(second == first) < 40
 

@@ -48,7 +48,7 @@ class Refined:
 def refined(tmp_path_factory: pytest.TempPathFactory) -> Refined:
     events: list[SessionEvent] = []
     out = tmp_path_factory.mktemp("refined")
-    result = run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, on_event=events.append)
+    result = run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, on_event=events.append, live=False)
     return Refined(result, [event.text for event in events if isinstance(event, Note)])
 
 

@@ -41,7 +41,7 @@ def test_a_fault_happens_in_its_step_and_the_recording_says_so(tmp_path: Path) -
 def test_a_fault_of_the_whole_session_counts_from_its_beginning(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bias-jump"\non = "torque_sensor"\nat = "300 ms"\nfor = "100 ms"\nby = "20 mN*m"\n'
     session = parse_session(HEAD.partition('[[step]]\ndo = "calibrate"')[0] + fault, place="faulty.toml")
-    recorded = record_session(RIG, session, out=tmp_path, seed=1)
+    recorded = record_session(RIG, session, out=tmp_path, seed=1, live=False)
     event = only(recorded.measured, "fault")
     torque = recorded.measured.torque
     inside = (torque["arrival_ns"] > event.stamp_ns + 5e6) & (torque["arrival_ns"] < event.stamp_ns + 95e6)

@@ -91,7 +91,9 @@ class Both:
 
 def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> Result:
     out.mkdir()
-    return run_session(RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume)
+    return run_session(
+        RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume, live=False
+    )
 
 
 @pytest.fixture(scope="module")

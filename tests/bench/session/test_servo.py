@@ -30,7 +30,9 @@ COGGING_STIFFNESS_NM_RAD = 42 * 0.3e-3
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
     rig = load_rig(RIG)
-    recorded = record_session(rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("servo"), seed=51)
+    recorded = record_session(
+        rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("servo"), seed=51, live=False
+    )
     return fit(recorded.measured, command_unit=rig.command.unit, tick_s=rig.tick_s, draws=0)
 
 

@@ -28,7 +28,7 @@ TARE = Step("tare", TareOptions(duration_s=0.5))
 
 
 def recorded(rig: Rig, out: Path, *steps: Step, on_event: Watcher = ignore) -> engine.RecordedSession:
-    return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, on_event=on_event)
+    return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, on_event=on_event, live=False)
 
 
 def test_watchdogs_are_tried_noted_and_recorded_before_anything_moves(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def result_of(name: str) -> Result:
     # Through a gap the port jumps: half of the ticks would miss how.
     rig = load_rig(RIGS / f"{name}.toml") if name == "sim-gear-train" else half_rate(name)
     calibrate = Step("calibrate", CalibrateOptions(duration_s=8.0 if name == "sim-gravity" else 4.0))
-    return run_session(rig, Session((TARE, calibrate, *STEPS[name]), "short"), out=Path(mkdtemp()), seed=3)
+    return run_session(rig, Session((TARE, calibrate, *STEPS[name]), "short"), out=Path(mkdtemp()), seed=3, live=False)
 
 
 def truth_of(name: str) -> Truth:

@@ -47,7 +47,7 @@ SEEDS = (1, 2)
 
 @cache
 def result() -> Result:
-    return run_session(RIG, Session(STEPS, "short"), out=Path(mkdtemp()), seed=SEEDS[0])
+    return run_session(RIG, Session(STEPS, "short"), out=Path(mkdtemp()), seed=SEEDS[0], live=False)
 
 
 @cache
@@ -134,7 +134,9 @@ def test_one_that_slips_on_its_way_is_named():
     slip = WrittenFault({"kind": "encoder-jump", "on": "modulator", "at": "4 s", "by": "0.1 rad"}, "rest")
     rest = ModulatedProcedure(RestProcedure(RestOptions(duration_s=1.5)), (1.0, 3.0, 1.0))
     session = Session((), "slips", faults=(slip,))
-    recorded = record_procedures(RIG, session, (rest,), out=Path(mkdtemp()), known=result().knowledge, seed=3)
+    recorded = record_procedures(
+        RIG, session, (rest,), out=Path(mkdtemp()), known=result().knowledge, seed=3, live=False
+    )
     found = modulator_places(recorded.measured)
     assert found.stray is not None
     assert found.stray.modulation == 1.0

@@ -31,7 +31,9 @@ STEPS = (
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     rig = load_rig(RIG)
-    return record_session(rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("velocity"), seed=51)
+    return record_session(
+        rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("velocity"), seed=51, live=False
+    )
 
 
 @pytest.fixture(scope="module")
