@@ -188,8 +188,8 @@ class Runs:
         """What ``session`` (a file, or one in hand; the standard session where none is given) finds on ``rig``.
 
         ``values`` are for the session file's parameters, ``answers`` for its prompts; all others are answered with
-        "yes". The same run is not run twice, unless it is to be ``fresh``. With ``live`` parameters are identified while
-        it runs, too. Raises what the session ends with.
+        "yes". The same run is not run twice, unless it is to be ``fresh``. With ``live`` it identifies while it runs,
+        too. Raises what the session ends with.
         """
         chosen = _session(session, rig, values or {})
         key = (
