@@ -174,11 +174,14 @@ def session(seed: int, keep: Path | None) -> Outcome:
         out = Path(folder) / str(seed)
         try:
             recording = record_session(rig, standard_session(rig), out=out, seed=seed).recording
-        except (BenchError, DeviceError) as error:
-            return Outcome(bench, refusal=str(error))
-        except Exception as error:  # a defect of the tool: it counts as a refusal without a cause, and the others go on
-            return Outcome(bench, refusal=f"failed unexpectedly: {error!r}")
+        except Exception as error:
+            return Outcome(bench, refusal=refusal(error))
         return evaluated(bench, rig, recording)
+
+
+def refusal(error: Exception) -> str:
+    """A defect of the tool counts as a refusal without a cause, and the others go on."""
+    return str(error) if isinstance(error, BenchError | DeviceError) else f"failed unexpectedly: {error!r}"
 
 
 def again(seed: int, kept: Path) -> Outcome | None:
@@ -193,8 +196,8 @@ def evaluated(bench: Bench, rig: Rig, recording: Path) -> Outcome:
     with TemporaryDirectory() as folder:
         try:
             result = conclude_recording(recording, Path(folder))
-        except BenchError as error:
-            return Outcome(bench, refusal=str(error))
+        except Exception as error:
+            return Outcome(bench, refusal=refusal(error))
     if result.fit is None:
         return Outcome(bench, refusal="nothing was identified")
     return Outcome(bench, numbers_of(result.fit, rig, bench.seed, recording))

@@ -122,27 +122,34 @@ def _solutions(bench: "Simulation") -> Iterator[Solution]:
 
 @dataclass(frozen=True)
 class Ringing:
-    """Of the coupling, as it was read; ``driving`` is what makes it ring, one a stretch."""
+    """Of the coupling, as it was read in stretches of the record; ``driving`` is what makes it ring, one a stretch of
+    the simulation."""
 
     simulation: "Simulation"
+    stretches: tuple[Signals, ...]
     driving: tuple[Spectrum, ...]
 
     @classmethod
-    def of(cls, simulation: "Simulation", coupling: Coupling) -> "Ringing":
+    def of(cls, simulation: "Simulation", coupling: Coupling, stretches: tuple[Signals, ...]) -> "Ringing":
         uneven_s = float(np.std(simulation.travel_s))
-        return cls(
-            simulation, tuple(truth.driving(simulation.solution, coupling, uneven_s) for truth in simulation.truths)
-        )
+        driving = tuple(truth.driving(simulation.solution, coupling, uneven_s) for truth in simulation.truths)
+        return cls(simulation, stretches, driving)
 
     def read(self, spring: Coupling, band: Kernel) -> FloatArray:
         """Of each sample in ``band``, what of its torque is the ringing of ``spring``, (samples,)."""
-        solution, torque = self.simulation.solution, self.simulation.torque
-        stretches = []
-        for truth, driving in zip(self.simulation.truths, self.driving, strict=True):
-            read = replace(torque, value=truth.ringing(driving, solution, spring)(torque.time_s))
-            read.value[(torque.time_s < truth.time_s[0]) | (torque.time_s > truth.time_s[-1])] = 0.0
-            stretches.append(replace(truth.stretch, torque_nm=read.at(truth.stretch.time_s)))
-        return Regression.of(tuple(stretches), band).target()
+        read = {
+            truth.stretch.time_s[0]: self._of_truth(truth, driving, spring)
+            for truth, driving in zip(self.simulation.truths, self.driving, strict=True)
+        }
+        # One span of time may be read twice, once for the fit and once for validation.
+        rung = [replace(each, torque_nm=read[each.time_s[0]].at(each.time_s)) for each in self.stretches]
+        return Regression.of(tuple(rung), band).target()
+
+    def _of_truth(self, truth: SimulatedStretch, driving: Spectrum, spring: Coupling) -> TimeSeries:
+        torque = self.simulation.torque
+        rung = replace(torque, value=truth.ringing(driving, self.simulation.solution, spring)(torque.time_s))
+        rung.value[(torque.time_s < truth.time_s[0]) | (torque.time_s > truth.time_s[-1])] = 0.0
+        return rung
 
 
 @dataclass(frozen=True)
@@ -162,7 +169,7 @@ class RingingEvidence:
         solution = simulation.solution
         unknowns = np.linalg.qr(solution.jacobian)[0]
         left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
-        return cls(Ringing.of(simulation, coupling), left, unknowns)
+        return cls(Ringing.of(simulation, coupling, simulation.stretches), left, unknowns)
 
     def gain(self, spring: Coupling) -> float:
         """The logarithm of how much likelier the readings are with this ringing than with none: rows that are alike
@@ -232,9 +239,14 @@ class Simulation:
         jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
         return replace(self, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s))
 
+    @property
+    def stretches(self) -> tuple[Signals, ...]:
+        """What is simulated."""
+        return tuple(truth.stretch for truth in self.truths)
+
     def over(self, others: tuple[Signals, ...]) -> "Simulation":
         """The same over ``others`` too, as far as no stretch of its own holds them already."""
-        own = {truth.stretch.time_s[0] for truth in self.truths}
+        own = {stretch.time_s[0] for stretch in self.stretches}
         more = tuple(SimulatedStretch.of(other, self.solution) for other in others if other.time_s[0] not in own)
         return replace(self, truths=(*self.truths, *more))
 

@@ -40,14 +40,15 @@ RATIOS = (0.01, 0.03, 0.1)
 OFF = (-2.0, 0.0, 2.0)
 
 
-def folded_ringing(simulation: Simulation, result: FitResult) -> tuple[Candidate, ...]:
+def folded_ringing(simulation: Simulation, result: FitResult, stretches: tuple[Signals, ...]) -> tuple[Candidate, ...]:
     """What readings fold down of the ringing between motor and load, on the torque sensor's spring.
 
     Each step of a command makes both inertias ring. Where they do so near the rate of the readings, or a multiple
     of it, the readings show it slowly, in the band that is fitted. How much depends on the damping, which the twist
     within that band hardly tells, and on the stiffness; so columns over what both may be stand for it.
 
-    A departure of the readings, over the rows of an expansion; none where no ringing is folded into the band.
+    A departure of the readings, over the rows of an expansion of these ``stretches``, each of which lies in a simulated
+    one; none where no ringing is folded into the band.
     """
     coupling, at = simulation.readings.coupling, Linearised.at(result)
     if coupling is None:
@@ -58,7 +59,7 @@ def folded_ringing(simulation: Simulation, result: FitResult) -> tuple[Candidate
     folded_hz = abs(resonance_hz - round(resonance_hz / rate_hz) * rate_hz)
     if resonance_hz < 0.5 * rate_hz or folded_hz * simulation.readings.tick_s > at.band.cutoff:
         return ()
-    ringing = Ringing.of(simulation, coupling)
+    ringing = Ringing.of(simulation, coupling, stretches)
     columns = [ringing.read(spring, at.band) for spring in _springs(coupling, inertia_kgm2)]
     return ((_kind(resonance_hz, rate_hz), 0, np.stack(columns)),)
 
@@ -172,12 +173,13 @@ def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple
     found, usual = departures(at), _Usual()
     suspicious = found or _mostly_no_noise(at, _without_cogging(at), usual)
     if suspicious and result.simulated is not None:
-        simulation = result.simulated.bench.over(tuple(unseen))
+        fitted = result.simulated.bench
+        simulation = fitted.over(tuple(unseen))
         usual = _usual(result, simulation)
         found = departures(at, usual.share)
         if found or _mostly_no_noise(at, _without_cogging(at), usual):
             # The simulated records ring as the calibration has it; it may be otherwise.
-            found = departures(at, usual.share, folded_ringing(simulation, result))
+            found = departures(at, usual.share, folded_ringing(simulation, result, (*fitted.stretches, *unseen)))
     return _told_apart(at, found, usual), usual
 
 

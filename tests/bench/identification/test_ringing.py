@@ -33,6 +33,12 @@ def simulation(result, spring):
     return replace(bench, readings=replace(bench.readings, coupling=spring))
 
 
+def ringing(result, spring):
+    """What is folded down of it over what was fitted."""
+    bench = simulation(result, spring)
+    return folded_ringing(bench, result, bench.stretches)
+
+
 def shaken(experiment, result, spring):
     """The same readings of a torque that this spring has shaken."""
     bench = simulation(result, None)
@@ -53,24 +59,35 @@ def ringing_at(experiment, result, resonance_hz, ratio):
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.05), (1.01, 0.02)])
 def test_ringing_is_named_whatever_stiffness_and_damping_are_within_what_is_known(experiment, result, off, ratio):
     at = ringing_at(experiment, result, off * RESONANCE_HZ, ratio)
-    others = folded_ringing(simulation(result, coupling()), result)
-    found = departures(at, others=others)
+    found = departures(at, others=ringing(result, coupling()))
     assert found[0].kind.name == "ringing"
     assert "at some 1015 Hz, and it is read at 1000 Hz" in found[0].kind.cause
 
 
 def test_where_nothing_rings_nothing_is_named(experiment, result):
     at = Expansion.of(result, signals(experiment, TICK_S, Use.IDENTIFY), ())
-    assert departures(at, others=folded_ringing(simulation(result, coupling()), result)) == ()
+    assert departures(at, others=ringing(result, coupling())) == ()
+
+
+def test_validation_may_follow_what_was_fitted_without_a_pause(experiment, result):
+    """Both then lie in one span of time, of which each has its own samples."""
+    fitted = signals(experiment, TICK_S, Use.IDENTIFY)
+    half = fitted[-1].time_s > np.median(fitted[-1].time_s)
+    early = (*fitted[:-1], replace(fitted[-1], usable=fitted[-1].usable & ~half))
+    unseen = (replace(fitted[-1], usable=fitted[-1].usable & half),)
+    bench = simulation(result, coupling()).over(unseen)
+    ((_, _, columns),) = folded_ringing(bench, result, (*early, *unseen))
+    assert columns.shape[1] == Expansion.of(result, early, unseen).residual.size
+    assert np.all(np.any(columns != 0.0, axis=1))
 
 
 @pytest.mark.parametrize("resonance_hz", [400.0, 700.0, 1300.0, 1500.0])
 def test_ringing_that_is_not_folded_into_the_band_is_not_looked_for(result, resonance_hz):
-    assert folded_ringing(simulation(result, coupling(resonance_hz)), result) == ()
+    assert ringing(result, coupling(resonance_hz)) == ()
 
 
 def test_without_a_calibration_no_spring_is_known(result):
-    assert folded_ringing(simulation(result, None), result) == ()
+    assert ringing(result, None) == ()
 
 
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.06)])
