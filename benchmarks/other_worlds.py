@@ -192,7 +192,10 @@ def outcome(world: str, strength: float, seed: int, recording: Path | None = Non
     rig = replace(parse_rig(rig_text(world, strength), place=str(RIG)), candump=False)
     with TemporaryDirectory() as folder:
         try:
-            path = recording or record_session(rig, standard_session(rig), out=Path(folder), seed=seed).recording
+            path = (
+                recording
+                or record_session(rig, standard_session(rig), out=Path(folder), seed=seed, live=False).recording
+            )
             found = conclude_recording(path, Path(folder))
         except ExperimentError as error:
             return Outcome(world, strength, seed, refused=str(error))

@@ -120,7 +120,7 @@ def session(task: tuple[tuple[str, str], int]) -> Outcome:
     rig = replace(parse_rig(drawn(pairing, seed), place=str(RIGS / f"pairing-{seed}.toml")), candump=False)
     with TemporaryDirectory() as folder:
         try:
-            result = run_session(rig, standard_session(rig), out=Path(folder), seed=seed)
+            result = run_session(rig, standard_session(rig), out=Path(folder), seed=seed, live=False)
         except (BenchError, DeviceError) as error:
             return Outcome(name, seed, refusal=str(error))
         except Exception as error:  # a defect of the tool: it counts as a refusal without a cause, and the others go on

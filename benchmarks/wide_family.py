@@ -167,13 +167,13 @@ def with_sensor(text: str, sensor: str) -> str:
 
 
 def session(seed: int, keep: Path | None) -> Outcome:
-    """One session, recorded and concluded as ``identify`` does it."""
+    """One session, recorded and concluded as ``identify --no-live`` does it."""
     bench, text = drawn(seed)
     rig = replace(parse_rig(text, place=str(RIGS / f"wide-{seed}.toml")), candump=False)
     with nullcontext(keep) if keep else TemporaryDirectory() as folder:
         out = Path(folder) / str(seed)
         try:
-            recording = record_session(rig, standard_session(rig), out=out, seed=seed).recording
+            recording = record_session(rig, standard_session(rig), out=out, seed=seed, live=False).recording
         except Exception as error:
             return Outcome(bench, refusal=refusal(error))
         return evaluated(bench, rig, recording)
