@@ -448,9 +448,11 @@ def main() -> None:
     strengths = STRENGTHS[:1] if options.quick else STRENGTHS
     for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(threads, "1")
-    chosen = [world for world in options.worlds.split(",") if world != CONTROL]
-    todo = list(product(chosen, strengths, seeds))
-    if CONTROL in options.worlds.split(","):
+    worlds = options.worlds.split(",")
+    if unknown := set(worlds) - {*WORLDS, CONTROL}:
+        parser.error(f"--worlds: there is no {', '.join(sorted(unknown))}; there are {', '.join((*WORLDS, CONTROL))}")
+    todo = list(product([world for world in worlds if world != CONTROL], strengths, seeds))
+    if CONTROL in worlds:
         todo += [(CONTROL, 1.0, seed) for seed in seeds]
     found = list(carried_out(todo, outcome, options.jobs))
     if options.json:

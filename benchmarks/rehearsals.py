@@ -1,11 +1,14 @@
-"""How often a rehearsal on served devices is finished on a busy computer, and why not where it is not.
+"""How often a rehearsal on served devices is finished on a busy computer, why not where it is not, and what it found.
 
 For every rig and run `norton-bench sim serve RIG` serves the simulated devices, and `norton-bench identify RIG
 --backend hardware` meets them from another process, while other work keeps `--load` cores busy. One line for each run:
-how the session ended, how late loop and simulated devices were, how many cores others used meanwhile, and what the host
-of a virtual machine took. The program fails where less than 19 of 20 runs of a rig were finished.
+how the session ended, how late loop and simulated devices were, how many cores others used meanwhile, what the host of
+a virtual machine took, and of the values how many were valid and how many of those have the true one in their 95 %
+interval. Below it what the verdict calls inadequate. The program fails where less than 19 of 20 runs of a rig were
+finished.
 
     python benchmarks/rehearsals.py [--rigs rigs/sim-odrive.toml rigs/sim-mit.toml] [--runs 20] [--load 1]
+    python benchmarks/rehearsals.py --rigs rigs/sim-*.toml --runs 1 --load 0    # every rig in wall time: two hours
 
 With `--ordinary-user` nothing may run in real time, as for a user without such rights.
 """
@@ -18,7 +21,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +30,9 @@ from typing import IO
 
 from norton_bench.errors import UsageError
 from norton_bench.loop.timing import LoopTiming, loop_timing
+from norton_bench.models.parameters import HALF_INTERVAL, Status
 from norton_bench.recording.reader import read_so_far
+from norton_bench.rig.load import load_rig, true_parameters
 
 ROOT = Path(__file__).parents[1]
 RIGS = tuple(ROOT / "rigs" / f"sim-{name}.toml" for name in ("odrive", "cia402", "vesc", "mit"))
@@ -36,6 +41,31 @@ FINISHED_SHARE = 19 / 20
 END_WITHIN_S = 10.0
 # Linux' <linux/prctl.h> and <linux/capability.h>: what a process gives up for good, and the right to real time.
 DROP_FROM_BOUNDING_SET, RIGHT_TO_REAL_TIME = 24, 23
+
+
+@dataclass(frozen=True)
+class Values:
+    """How many values a session states, calls valid, and has right; and the verdict's words on what is inadequate."""
+
+    stated: int = 0
+    valid: int = 0
+    held: int = 0
+    inadequate: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, result: str, true: Mapping[str, tuple[float, str]]) -> "Values":
+        """Of what ``identify --json`` printed, beside the ``true`` values and their units; nothing where it failed."""
+        if not result.strip():
+            return cls()
+        data = json.loads(result)
+        valid = {name: each for name, each in data["parameters"].items() if each["status"] == Status.VALID.value}
+        held = sum(
+            abs(each["value"] - true[name][0]) <= HALF_INTERVAL * each["std"]
+            for name, each in valid.items()
+            if name in true
+        )
+        words = tuple(sentence for sentence in data["verdict"] if "inadequate" in sentence)
+        return cls(len(data["parameters"]), len(valid), held, words)
 
 
 @dataclass(frozen=True)
@@ -55,6 +85,7 @@ class Rehearsal:
     others: float
     stolen_s: float
     said: str
+    values: Values = Values()
 
     @property
     def finished(self) -> bool:
@@ -88,9 +119,9 @@ def rehearse(rig: Path, folder: Path) -> Rehearsal:
     started_s, before = time.monotonic(), _busy_s()
     with (folder / "served.txt").open("w") as words, _program(["sim", "serve", str(rig)], words) as server:
         _await_words(folder / "served.txt", server)
-        with (folder / "said.txt").open("w") as said:
-            command = ["identify", str(rig), "--backend", "hardware", "--quiet", "--out", str(folder)]
-            with _program(command, said) as host:
+        with (folder / "said.txt").open("w") as said, (folder / "result.json").open("w") as result:
+            command = ["identify", str(rig), "--backend", "hardware", "--quiet", "--json", "--out", str(folder)]
+            with _program(command, said, result) as host:
                 exit_code = host.wait()
     duration_s, after = time.monotonic() - started_s, _busy_s()
     timing = _timing(folder)
@@ -105,6 +136,7 @@ def rehearse(rig: Path, folder: Path) -> Rehearsal:
         (after.all_s - before.all_s - (after.own_s - before.own_s)) / duration_s,
         after.stolen_s - before.stolen_s,
         "" if exit_code == 0 else _last_line(folder / "said.txt"),
+        Values.of((folder / "result.json").read_text(), true_parameters(load_rig(rig))),
     )
     (folder / "rehearsal.json").write_text(json.dumps(asdict(found), indent=2))
     return found
@@ -133,10 +165,13 @@ def kept(out: Path | None, name: str) -> Iterator[Path]:
 
 
 @contextmanager
-def _program(arguments: Sequence[str], words: IO[str]) -> Iterator["subprocess.Popen[bytes]"]:
+def _program(
+    arguments: Sequence[str], words: IO[str], result: IO[str] | None = None
+) -> Iterator["subprocess.Popen[bytes]"]:
+    """With its standard output in ``result``, or in ``words`` as its standard error is."""
     # Unbuffered: the last line is then what was written last, also where it went to standard error.
     process = subprocess.Popen(
-        [*PROGRAM, *arguments], stdout=words, stderr=words, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+        [*PROGRAM, *arguments], stdout=result or words, stderr=words, env={**os.environ, "PYTHONUNBUFFERED": "1"}
     )
     try:
         yield process
@@ -197,7 +232,7 @@ def _busy_s() -> _Busy:
 
 HEAD = (
     f"{'rig':<14}{'ended':<10}{'[s]':>5}  {'late 99.9 %, most [ms]':<24}{'skipped':>8}  {'others':>6}  {'stolen':>6}  "
-    "devices; reason"
+    f"{'valid, held':<13}devices; reason"
 )
 
 
@@ -206,7 +241,10 @@ def line(run: Rehearsal) -> str:
     ended = "finished" if run.finished else f"exit {run.exit_code}"
     late = f"{run.loop_late_p999_ms:.2f}, {run.loop_late_most_ms:.1f}"
     row = f"{run.rig:<14}{ended:<10}{run.duration_s:>5.0f}  {late:<24}{100 * run.skipped_share:>6.2f} %"
-    return f"{row}  {run.others:>6.2f}  {run.stolen_s:>4.1f} s  {'; '.join(filter(None, (run.devices, run.said)))}"
+    values = f"{run.values.valid}/{run.values.stated}, {run.values.held}"
+    words = "; ".join(filter(None, (run.devices, run.said)))
+    below = "".join(f"\n    {sentence}" for sentence in run.values.inadequate)
+    return f"{row}  {run.others:>6.2f}  {run.stolen_s:>4.1f} s  {values:<13}{words}{below}"
 
 
 def finished(runs: Sequence[Rehearsal]) -> dict[str, float]:
