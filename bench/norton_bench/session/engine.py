@@ -1,12 +1,8 @@
 """A session from beginning to end: check, open the devices, run the steps, close the recording, fit."""
 
-import json
-import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
-from importlib.metadata import version
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
@@ -23,56 +19,23 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured
 from norton_bench.result import Result
-from norton_bench.rig.files import toml
 from norton_bench.rig.rig import Rig
 from norton_bench.session.conclusion import conclude, ended, ended_by
 from norton_bench.session.items import judge
-from norton_bench.session.live_feed import LiveFeed, NoFeed, feed_for
+from norton_bench.session.live_feed import NoFeed, feeding
 from norton_bench.session.operator import NO_ANSWERS, Answers, Nobody, Operator, OperatorOrders
 from norton_bench.session.program import Rehearsed, make_experiment, of_procedures, rehearsed
+from norton_bench.session.provenance import provenance
 from norton_bench.session.resume import RESUMES, EarlierSession, after, read_earlier
 from norton_bench.session.run import SessionRun
 from norton_bench.session.schema import Session
 from norton_bench.session.script import Experiment, Script, SoFar, perform
 from norton_bench.session.warm_up import warm_up
 from norton_drivers.ports import Backend
-from norton_drivers.readings import DeviceIdentity
 from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
 
 LoopProcess = deferred("norton_bench.loop.process:LoopProcess")  # for hardware: a simulation does without
-
-PACKAGES = ("norton-bench", "numpy", "scipy", "numba", "filterpy", "python-can", "pyserial")
-
-
-def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[DeviceIdentity]) -> Mapping[str, str]:
-    """What goes into the recording, the network file and the report."""
-    return {
-        "rig": rig.name,
-        "rig_file": rig.place,
-        "backend": rig.backend,
-        "session": session.place,
-        "arguments": session.arguments,
-        "parameters": ", ".join(f"{name} = {toml(value)}" for name, value in session.parameters.items()),
-        "seed": "" if seed is None else str(seed),
-        "command_unit": rig.command.unit,
-        "modulation_unit": "" if rig.modulation is None else rig.modulation.unit,
-        "model": rig.model,
-        "tick_s": repr(rig.tick_s),
-        "torque_averaging_s": repr(rig.chain.torque_averaging_s),
-        "released_at_zero": " ".join(sorted(rig.chain.released_at_zero)),
-        "answers_commands": " ".join(sorted(rig.chain.answers_commands)),
-        **({} if rig.servo is None else {"servo": json.dumps(asdict(rig.servo))}),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "devices": "; ".join(
-            " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))
-            for device in devices
-        ),
-        "python": platform.python_version(),
-        "system": platform.platform(),
-        **{name: version(name) for name in PACKAGES},
-    }
-
 
 # In lock step the loop may wait for the recorder: nothing becomes late by it.
 LOCK_STEP_PATIENCE_S = 30.0
@@ -312,7 +275,7 @@ def _performed(
         planned_s = sum(step.duration_s for step in experiment.plan)
         recorder = stack.enter_context(_recorder(rig, terms.out, metadata, planned_s, lock_step=lock_step))
         so_far = SoFar(known or Knowledge(rig), devices=devices)
-        feed = stack.enter_context(_feed(rig, emit, lock_step=lock_step)) if terms.live else NoFeed()
+        feed = stack.enter_context(feeding(rig, emit, lock_step=lock_step)) if terms.live else NoFeed()
         orders = OperatorOrders(operator, emit, loop.tell)
         plan = list(experiment.plan)
         run = SessionRun(rig, loop, feed, so_far, emit, recorder, orders, rehearsal, terms.answers, plan, earlier)
@@ -400,14 +363,3 @@ def _record_faults(loop: BenchLoop, rehearsal: Rehearsed) -> None:
     """The recording lists the faults that were injected."""
     for stamp_ns, text in rehearsal.happened():
         loop.tell("fault", text, stamp_ns)
-
-
-@contextmanager
-def _feed(rig: Rig, emit: Watcher, *, lock_step: bool) -> Iterator[LiveFeed]:
-    feed = feed_for(rig, lock_step=lock_step)
-    try:
-        yield feed
-    finally:
-        feed.close()
-        if feed.dropped:
-            emit(Note(f"{feed.dropped} parts were not used live; the final fit has them all"))

@@ -4,11 +4,12 @@ import multiprocessing
 import queue
 import signal
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.queues import Queue
 from typing import Protocol
 
+from norton_bench.events import Note, Watcher
 from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.recording.contents import Recording, parts_of
@@ -31,11 +32,18 @@ class LiveFeed(Protocol):
     def close(self) -> None: ...
 
 
-def feed_for(rig: Rig, *, lock_step: bool) -> LiveFeed:
-    """The feed for this rig: none without a model, in this process in lock step, else in another process."""
-    if not rig.modelled:
-        return NoFeed()
-    return (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+@contextmanager
+def feeding(rig: Rig, emit: Watcher, *, lock_step: bool) -> Iterator[LiveFeed]:
+    """The feed for this rig, until the end: none without a model, in this process in lock step, else in another one."""
+    feed: LiveFeed = NoFeed()
+    if rig.modelled:
+        feed = (InlineFeed if lock_step else ProcessFeed)(rig.command.unit, rig.tick_s)
+    try:
+        yield feed
+    finally:
+        feed.close()
+        if feed.dropped:
+            emit(Note(f"{feed.dropped} parts were not used live; the final fit has them all"))
 
 
 class NoFeed:
