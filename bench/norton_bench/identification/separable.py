@@ -315,6 +315,9 @@ class _At:
             if free and free[0][1] == BANDWIDTH:
                 right[linear] += self.regression.shared_slope(self.shape, self.linear)
         whole = normal_solution(every, right, contamination, self.shared)
+        if right @ whole < 0.0:
+            # With coarse counts more may be taken off for their errors than there is: that is no way down.
+            whole = normal_solution(every, right)
         step = np.zeros(MOTION_DELAY + 1 + self.regression.scales.size)
         step[[place for _, place in free]] = whole[linear:]
         # All of the residual: with coarse counts what is taken off for their errors may leave nothing of it.
@@ -397,4 +400,5 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
             settled = abs(squared_deviations) < NO_STEP_BETTER
             return at, settled or bool(np.all(np.abs(step) < 100 * within))
         at = result
-    return at, False
+    # So slow a search is one in which readings' errors hide the way; it is over where little is to be gained.
+    return at, abs(at.step_within(low, high, longest)[1]) < LITTLE_GAINED
