@@ -163,19 +163,23 @@ class Regression:
         """The same, corrected for what counts do to the friction on average."""
         return replace(self, rows=tuple(rows.recounted(shape) for rows in self.rows))
 
-    def whitened(self, shape: Shape, coulomb: float, residual: FloatArray) -> "Regression":
+    def whitened(
+        self, shape: Shape, coulomb: float, residual: FloatArray, like: Whitening | None = None
+    ) -> "Regression":
         """The same, by what counts leave unknown at every turn of the path.
 
-        ``coulomb`` and ``residual`` (samples,) as found at ``shape``.
+        ``coulomb`` and ``residual`` (samples,) as found at ``shape``; rows near turns have the weights of ``like``.
         """
         count_rad = max(rows.signals.count_rad for rows in self.rows)
         if count_rad == 0.0:
             return self
-        parts = [Turns.of(rows.signals, shape.s_per_rad).at(rows.usable) for rows in self.rows]
-        turns = Turns(np.concatenate([part.way_rad for part in parts]), np.concatenate([part.kicks for part in parts]))
+        reach = self.rows[0].kernel.half_width
+        turns = Turns.joined([Turns.of(rows.signals, shape.s_per_rad, reach).at(rows.usable) for rows in self.rows])
         known_again = np.flatnonzero(np.diff(self._rest, prepend=-1))
         width = abs(coulomb) * count_rad / np.sqrt(self.alike * np.mean(residual**2))
-        return replace(self, whitening=Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width))
+        found = Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width)
+        weighed = found.weighed(turns.near, residual) if like is None else found.weighed_by(turns.near, like.wider)
+        return replace(self, whitening=weighed)
 
     def white(self, values: FloatArray) -> FloatArray:
         """``values`` (k, samples) as least squares should see them."""

@@ -111,7 +111,7 @@ def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     regression = Regression.of(stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging)
     regression = before.terms_of(regression).recounted(near.shape)
     at = _At.of(regression, near.shape)
-    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual)
+    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual, before.whitening)
     return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
 
 

@@ -1,16 +1,21 @@
 """What turning does to a residual: counts that hide where a shaft turned round, torques that go with its angle."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.signals import FINE, Signals
 
 # How far within its counts a turn may lie from where the smoothed path has it; the likeliest is taken.
 UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
+# After so many presliding lengths a contact is within a thousandth of sliding.
+SLIDES_AFTER = 7.0
+# Fewer rows do not tell how wide their errors are to a tenth.
+FEWEST_ROWS = 50
 
 
 # What an encoder's counts leave unknown of the friction after every turn, and rows whitened by it.
@@ -22,37 +27,62 @@ UNKNOWN_COUNTS = (0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 # cancels.
 @dataclass(frozen=True)
 class Turns:
-    """Along some rows, (rows,) each: ``way_rad`` since the row before, and ``kicks``, the variance that turns since
-    then give the friction's share of the Coulomb torque, if each is known to within 1 rad.
+    """Along some rows, (rows,) each: ``way_rad`` since the row before, ``kicks``, the variance that turns since then
+    give the friction's share of the Coulomb torque, if each is known to within 1 rad, and ``near``, whether a turn is
+    so near that the friction depends on where it was.
     """
 
     way_rad: FloatArray
     kicks: FloatArray
+    near: BoolArray
 
     @classmethod
-    def of(cls, signals: Signals, s_per_rad: float) -> "Turns":
-        """At every tick of one stretch."""
+    def of(cls, signals: Signals, s_per_rad: float, reach_ticks: float) -> "Turns":
+        """At every tick of one stretch, of which filters see ``reach_ticks`` to either side."""
         path = np.ascontiguousarray(signals.path_rad[::FINE])
         share = loops.friction_path(path, s_per_rad, np.empty(0, dtype=np.int64))[0]
         way = np.diff(path, prepend=path[0])
         # dh = s (1 - h sgn ω) dθ: an error of θ that lasts leaves what this slope changes by.
         slope = s_per_rad * (1.0 - share * np.sign(way))
-        return cls(np.abs(way), np.diff(slope, prepend=slope[0]) ** 2)
+        hidden_rad = UNKNOWN_COUNTS[-1] * signals.count_rad
+        near = _near_turns(way, hidden_rad + SLIDES_AFTER / s_per_rad, hidden_rad, reach_ticks)
+        return cls(np.abs(way), np.diff(slope, prepend=slope[0]) ** 2, near)
 
     def at(self, rows: npt.NDArray[np.int64]) -> "Turns":
         """At some of the ticks; what lies between counts for the next of them."""
         way, kicks = np.cumsum(self.way_rad)[rows], np.cumsum(self.kicks)[rows]
-        return Turns(np.diff(way, prepend=way[:1]), np.diff(kicks, prepend=kicks[:1]))
+        return Turns(np.diff(way, prepend=way[:1]), np.diff(kicks, prepend=kicks[:1]), self.near[rows])
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Turns]") -> "Turns":
+        """One behind the other."""
+        columns = zip(*((part.way_rad, part.kicks, part.near) for part in parts), strict=True)
+        return cls(*(np.concatenate(column) for column in columns))
+
+
+def _near_turns(way_rad: FloatArray, after_rad: float, before_rad: float, reach_ticks: float) -> BoolArray:
+    """At which ticks the shaft has gone less than ``after_rad`` since it turned, or will turn within ``before_rad``,
+    or turns within ``reach_ticks``; (ticks,). The first and the last tick count as turns."""
+    ticks, at_rad = np.arange(way_rad.size), np.cumsum(np.abs(way_rad))
+    side = np.sign(way_rad)
+    moving = np.flatnonzero(side)
+    turns = moving[1:][np.diff(side[moving]) != 0]
+    turns = np.concatenate([[0], turns, [way_rad.size - 1]])
+    last, following = turns[np.searchsorted(turns, ticks, side="right") - 1], turns[np.searchsorted(turns, ticks)]
+    near_in_time = np.minimum(ticks - last, following - ticks) < reach_ticks
+    near_in_way = (at_rad - at_rad[last] < after_rad) | (at_rad[following] - at_rad < before_rad)
+    return np.asarray(near_in_time | near_in_way)
 
 
 @dataclass(frozen=True)
 class Whitening:
     """The filter: what is ``kept`` of the error since the row before, its ``gain``, and the ``scale`` that makes every
-    innovation as wide as the next; (rows,) each."""
+    innovation as wide as the next; (rows,) each. Near turns innovations are ``wider`` by this factor."""
 
     kept: FloatArray
     gain: FloatArray
     scale: FloatArray
+    wider: float = 1.0
 
     @classmethod
     def of_known(cls, turns: Turns, known_again: npt.NDArray[np.int64], s_per_rad: float, width: float) -> "Whitening":
@@ -69,6 +99,21 @@ class Whitening:
         """That with which ``residual`` (rows,) is likeliest; here ``width`` is that of one count."""
         every = (cls.of_known(turns, known_again, s_per_rad, share * width) for share in UNKNOWN_COUNTS)
         return min(every, key=lambda each: each._unlikelihood(residual))
+
+    def weighed(self, near: BoolArray, residual: FloatArray) -> "Whitening":
+        """The same with innovations of ``residual`` as wide ``near`` turns (rows,) as elsewhere, where they are wider.
+
+        Groupwise heteroscedasticity (Greene, Econometric Analysis, ch. 9): the path that counts leave is wrong about
+        turns by more than one unknown place, and steady sliding tells damping and Coulomb friction as well.
+        """
+        if min(np.count_nonzero(near), np.count_nonzero(~near)) < FEWEST_ROWS:
+            return self
+        left = self.of(residual[None, :])[0] ** 2
+        return self.weighed_by(near, max(1.0, float(np.sqrt(np.mean(left[near]) / np.mean(left[~near])))))
+
+    def weighed_by(self, near: BoolArray, wider: float) -> "Whitening":
+        """The same where they are known to be ``wider``."""
+        return replace(self, scale=np.where(near, self.scale / wider, self.scale), wider=wider)
 
     def _unlikelihood(self, residual: FloatArray) -> float:
         power = np.mean(self.of(residual[None, :]) ** 2)
