@@ -45,7 +45,7 @@ def main(wanted: str = "0.005") -> None:
     rig = load_rig(Path(__file__).parent.parent / "rigs" / "sim-odrive.toml")
     out = Path(mkdtemp(prefix="norton-bench-"))
     # Nobody is there: whatever is asked is answered with "yes".
-    result = run_script(rig, Friction(float(wanted)), out=out, seed=3, answers=Answers(yes=True))
+    result = run_script(rig, Friction(float(wanted)), out=out, seed=3, answers=Answers(yes=True), live=False)
     rounds = sum(event.kind == "step" and event.text == "imposed" for event in result.measured.events)
     print(f"{result.parameter('coulomb_torque')} after {rounds} round(s), where 0.02 N*m is true")
 

@@ -27,7 +27,7 @@ duration = "500 ms"
 [[step]]
 do = "rest"
 duration = "2 s"
-repeat = 500
+repeat = 60
 """
 ASKING = """\
 [[step]]
@@ -136,7 +136,7 @@ def terminals(tmp_path: Path) -> Iterator[list[Terminal]]:
 def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, LONG)
     terminals.append(terminal)
-    terminal.until("/501 tare")
+    terminal.until("/61 tare")
     terminal.type("\x03")
     terminal.until("will pause after this procedure; Ctrl-C again stops now")
     terminal.until("Paused; the drives are idle. Enter: resume")
@@ -154,7 +154,7 @@ def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, term
 def test_a_paused_session_can_be_aborted(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, LONG)
     terminals.append(terminal)
-    terminal.until("/501 tare")
+    terminal.until("/61 tare")
     terminal.type("\x03")
     terminal.until("Paused")
     terminal.type("what\n")
@@ -180,7 +180,7 @@ def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Termin
 def test_sigterm_stops_at_once(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, LONG)
     terminals.append(terminal)
-    terminal.until("/501 rest")
+    terminal.until("/61 rest")
     terminal.signal(signal.SIGTERM)
     assert terminal.end() == ExitCode.INTERRUPTED
     assert terminal.events() == ["stopped by the operator: asked to end"]

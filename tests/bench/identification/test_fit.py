@@ -20,6 +20,8 @@ from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import LOAD, NAMES, TICK_S, Bench, Truth
 
 LOOSE = ("amplifier_bandwidth", "presliding_damping")
+# Half of the usual draws: intervals are as wide as so few make them.
+FEWER_DRAWS = DRAWS // 2
 
 
 def errors(result, truth):
@@ -32,6 +34,21 @@ def deviates(result, truth):
 
 def within_targets(result, truth):
     return all(abs(error) < (0.15 if name in LOOSE else 0.03) for name, error in errors(result, truth).items())
+
+
+def shortened(seed, truth=None, bench=None):
+    """The part of an experiment that tells most, in a third of the time."""
+    return synthetic.experiment(seed, truth, bench, free=False, blocked=False, multisine_s=10.0)
+
+
+@pytest.fixture(scope="module")
+def short():
+    return shortened(1)
+
+
+@pytest.fixture(scope="module")
+def result_of_short(short):
+    return fit(short, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
 
 
 def test_every_parameter_is_found(result):
@@ -58,26 +75,26 @@ def test_a_drive_that_reports_its_current_slowly_will_do(experiment):
     assert estimate.std < 0.01 * estimate.value
 
 
-def test_a_current_in_coarse_steps_widens_its_interval_alone(experiment, result):
+def test_a_current_in_coarse_steps_widens_its_interval_alone(short, result_of_short):
     """As a VESC's: cut off towards zero to 0.1 A, read as the middle of each step."""
-    current = experiment.current.copy()
+    current = short.current.copy()
     cut = np.trunc(current["current_a"] / 0.1)
     current["current_a"] = 0.1 * cut + 0.05 * np.sign(cut)
-    coarse = fit(replace(experiment, current=current), command_unit="N*m", tick_s=TICK_S)
+    coarse = fit(replace(short, current=current), command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     for name in ("torque_constant", "amplifier_gain"):
         estimate = coarse.estimate(name)
         assert abs(estimate.value - getattr(Truth(), name)) < 3 * estimate.std
-        assert 2 * result.estimate(name).std < estimate.std < 0.02 * estimate.value
-    assert coarse.estimate("torque_gain") == result.estimate("torque_gain")
+        assert 2 * result_of_short.estimate(name).std < estimate.std < 0.02 * estimate.value
+    assert coarse.estimate("torque_gain") == result_of_short.estimate("torque_gain")
 
 
-def test_coarse_counts_widen_the_intervals_of_friction(result):
+def test_coarse_counts_widen_the_intervals_of_friction(result_of_short):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
-    measured = synthetic.experiment(1, bench=Bench(counts=18_000.0))
-    coarse = fit(measured, command_unit="N*m", tick_s=TICK_S)
+    measured = shortened(1, bench=Bench(counts=18_000.0))
+    coarse = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     assert np.all(np.abs(deviates(coarse, Truth())) < 3)
     for name in ("presliding_stiffness", "presliding_damping"):
-        assert coarse.estimate(name).std > 1.2 * result.estimate(name).std
+        assert coarse.estimate(name).std > 1.2 * result_of_short.estimate(name).std
 
 
 def test_delays_are_relative_to_the_torque(result):
@@ -248,9 +265,8 @@ def test_intervals_hold_what_they_promise(bench):
     deviations = []
     for seed in range(40, 46):
         truth = Truth(*(Truth().array() * 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)))
-        measured = synthetic.experiment(seed, truth, bench=bench, free=False, blocked=False, multisine_s=10.0)
-        # Half of the usual draws: intervals are as wide as so few make them.
-        deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S, draws=DRAWS // 2), truth))
+        measured = shortened(seed, truth, bench)
+        deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS), truth))
     # Of 42 intervals of 95 %, fewer than 35 hold the truth once in a thousand; the rms is 1 ± 0.11.
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 35
     assert 0.6 < np.sqrt(np.mean(np.square(deviations))) < 1.4

@@ -15,6 +15,7 @@ from norton_bench.session.dry_run import dry_run
 from norton_bench.session.engine import record_session
 from norton_bench.session.items import Session, Step
 from norton_bench.session.schema import standard_session
+from tests.bench.half_rate import half_rate
 from tests.bench.session.free_servo import motion_in_mujoco, true_places
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-servo.toml"
@@ -29,7 +30,7 @@ COGGING_STIFFNESS_NM_RAD = 42 * 0.3e-3
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    rig = load_rig(RIG)
+    rig = half_rate(RIG.stem)
     recorded = record_session(
         rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("servo"), seed=51, live=False
     )
