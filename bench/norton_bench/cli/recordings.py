@@ -63,8 +63,7 @@ def fit(
     """Fit a recording again, from its contents alone; or several recordings of one rig together; or logs of other
     programs; a map of their columns is proposed where none is given.
     """
-    logs = columns is not None or first.suffix.lower() != RECORDING_SUFFIX
-    if logs:
+    if columns is not None or _of_others(first):
         files = Files(columns, predict, out)
         return _fit_logs((first, *others), Split(train, test), model, files, Output(json, quiet))
     _check_recordings((first, *others), (train, test, model, predict))
@@ -82,11 +81,20 @@ def fit(
     return result.exit_code
 
 
+def _of_others(path: Path) -> bool:
+    """Whether it is a log of another program."""
+    from norton_bench.logs.bags import is_of_others  # noqa: PLC0415
+
+    return path.suffix.lower() != RECORDING_SUFFIX or is_of_others(path)
+
+
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[object, ...]) -> None:
     """Raises UsageError for files that are no recordings, or options that these do not have."""
     for path in paths:
-        if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
-            raise UsageError(f"{path} is not an MCAP recording; fit recordings and logs of other programs apart")
+        if path.exists() and _of_others(path):
+            raise UsageError(
+                f"{path} is not an MCAP recording of this program; fit recordings and logs of other programs apart"
+            )
     if any(option is not None for option in for_logs):
         raise UsageError(
             "--train, --test, --model and --predict are for logs of other programs; leave them out for recordings"

@@ -94,7 +94,7 @@ class LogSection(MapSection):
     """``[log]``: the file as a whole."""
 
     motion: Literal["rotation", "translation"] = Field(examples=["rotation"])
-    format: Literal["csv", "tsv", "mat", "hdf5", "parquet", "jsonl", "json"] | None = None
+    format: Literal["csv", "tsv", "mat", "hdf5", "parquet", "jsonl", "json", "bag"] | None = None
     entries: str | None = Field(None, examples=["entries"])
     separator: str | None = Field(None, min_length=1, max_length=1, examples=[";"])
     header: bool = True
@@ -330,8 +330,6 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add(
             "[columns] supply", "is for a command that is a share of it, a plain number; leave one of them out"
         )
-    if columns.time is None and column_map.log.rate_hz is None:
-        mistakes.add("[columns] time", 'is missing; add time = { name = "t", unit = "s" }, or [log] rate = "1 kHz"')
     if columns.position is None and columns.velocity is None:
         mistakes.add(
             "[columns] position", f'is missing; add position = {{ name = "q", unit = "{column_map.units.motion}" }}'

@@ -11,7 +11,8 @@ from norton_bench.errors import UsageError
 from norton_bench.identification import standstill
 from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
-from norton_bench.logs.files import Content, plain_unit, read_file, split_unit
+from norton_bench.logs.files import Content, plain_unit, read_file
+from norton_bench.logs.streams import Stream, filled_apart, on_rows
 from norton_bench.units import conversion
 
 # Fewer rows than this tell nothing of a machine.
@@ -44,17 +45,38 @@ def read_log(path: Path, column_map: ColumnMap) -> Log:
     content = read_file(path, column_map.log)
     columns = _columns(content, column_map)
     givens = _givens(content, column_map)
-    _check_lengths(content.place, columns)
-    time_s = columns.pop("time", None)
-    if time_s is None:
-        assert column_map.log.rate_hz is not None  # the map was refused otherwise
-        time_s = np.arange(len(next(iter(columns.values())))) / column_map.log.rate_hz
-    elif np.any(np.isfinite(time_s)):
+    time_s, columns, remarks = _rows_of(content, columns, column_map)
+    _check_lengths(content.place, {"time": time_s, **columns})
+    if np.any(np.isfinite(time_s)):
         time_s = time_s - time_s[np.isfinite(time_s)][0]
     shifts = {
         name: section.shift_s for name, section in column_map.mapped().items() if section.shift_s and name != "time"
     }
-    return Log(content.place, time_s, columns, givens, shifts, content.remarks)
+    return Log(content.place, time_s, columns, givens, shifts, (*content.remarks, *remarks))
+
+
+def _rows_of(
+    content: Content, columns: Mapping[str, FloatArray], column_map: ColumnMap
+) -> tuple[FloatArray, dict[str, FloatArray], tuple[str, ...]]:
+    """The times of the rows in seconds, the columns without them, and what was done to those of other times."""
+    if content.times_s:
+        names = {what: content.spelt(section.name) for what, section in column_map.mapped().items()}
+        streams = {what: Stream(names[what], content.times_s[names[what]], values) for what, values in columns.items()}
+        return on_rows(content.place, streams, column_map.log.gap_s)
+    others = {what: values for what, values in columns.items() if what != "time"}
+    if "time" in columns:
+        dense = {what: values for what, values in others.items() if what not in SPARSE}
+        if len({len(values) for values in columns.values()}) == 1 and filled_apart(columns["time"], dense):
+            names = {what: section.name for what, section in column_map.mapped().items()}
+            streams = {what: Stream(names[what], columns["time"], values).ordered() for what, values in others.items()}
+            return on_rows(content.place, streams, column_map.log.gap_s)
+        return columns["time"], others, ()
+    if column_map.log.rate_hz is None:
+        raise UsageError(
+            f"{content.place}: [columns] time of {column_map.place} is missing; add "
+            'time = { name = "t", unit = "s" }, or [log] rate = "1 kHz"'
+        )
+    return np.arange(len(next(iter(others.values())))) / column_map.log.rate_hz, others, ()
 
 
 def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:
@@ -73,7 +95,7 @@ def _unit_of(content: Content, section: ColumnSection, wanted: str, where: str) 
     """The unit that the map gives, else the one behind the column's name. Raises UsageError for neither."""
     if section.unit is not None or not wanted:
         return section.unit or ""
-    behind = split_unit(content.spelt(section.name))[1]
+    behind = content.unit(section.name)
     try:
         unit = plain_unit(behind)
         conversion(unit, wanted)

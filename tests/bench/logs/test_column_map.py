@@ -67,11 +67,6 @@ def test_a_right_map() -> None:
         ("command =", "comand =", '[columns] comand: unknown key; did you mean "command"?'),
         ("scale = 2", "scale = true", "[columns.command] scale: expected a number, not true; write it like 0.001"),
         ("scale = 2", "sign = 2", "[columns.command] sign: 2 is not allowed; write 1 or -1"),
-        (
-            "time = ",
-            "temperature = ",
-            '[columns] time: is missing; add time = { name = "t", unit = "s" }, or [log] rate',
-        ),
         ("position", "normal", "[columns] position: is missing"),
         ("command =", "goal =", "[columns]: neither command nor exertion is given"),
     ],
