@@ -96,6 +96,7 @@ class LogSection(MapSection):
     motion: Literal["rotation", "translation"] = Field(examples=["rotation"])
     format: Literal["csv", "tsv", "mat", "hdf5", "parquet", "jsonl", "json", "bag"] | None = None
     entries: str | None = Field(None, examples=["entries"])
+    joint: str | None = Field(None, examples=["elbow"])
     separator: str | None = Field(None, min_length=1, max_length=1, examples=[";"])
     header: bool = True
     skip: int = Field(0, ge=0, examples=[2])

@@ -12,6 +12,7 @@ from norton_bench.identification import standstill
 from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, plain_unit, read_file
+from norton_bench.logs.joints import of_its_joint
 from norton_bench.logs.streams import Stream, filled_apart, on_rows
 from norton_bench.units import conversion
 
@@ -43,6 +44,7 @@ class Log:
 def read_log(path: Path, column_map: ColumnMap) -> Log:
     """The log by the map. Raises UsageError, in a sentence with place and mend, where it cannot be used."""
     content = read_file(path, column_map.log)
+    column_map, chosen = of_its_joint(column_map, content)
     columns = _columns(content, column_map)
     givens = _givens(content, column_map)
     time_s, columns, remarks = _rows_of(content, columns, column_map)
@@ -52,7 +54,7 @@ def read_log(path: Path, column_map: ColumnMap) -> Log:
     shifts = {
         name: section.shift_s for name, section in column_map.mapped().items() if section.shift_s and name != "time"
     }
-    return Log(content.place, time_s, columns, givens, shifts, (*content.remarks, *remarks))
+    return Log(content.place, time_s, columns, givens, shifts, (*content.remarks, *chosen, *remarks))
 
 
 def _rows_of(

@@ -119,6 +119,6 @@ def test_every_key_is_explained(model: type) -> None:
     assert [key for key in keys_of(model) if f"`{key}`" not in text] == []
 
 
-def test_the_map_shown_is_right() -> None:
-    (first, *_) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "logs.md").read_text(), re.DOTALL)
-    assert parse_map(first, place="docs").translation
+def test_the_maps_shown_are_right() -> None:
+    shown = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "logs.md").read_text(), re.DOTALL)
+    assert any([parse_map(each, place="docs").translation for each in shown])
