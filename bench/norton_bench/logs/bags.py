@@ -73,7 +73,7 @@ def read_bag(path: Path) -> Columns:
     except UsageError:
         raise
     except Exception as wrong:  # likewise: the file ends, or goes on with something else
-        cut = " ".join(f"{type(wrong).__name__} {wrong}".split())[:80]
+        cut = " ".join(f"{type(wrong).__name__} {wrong}".split())[:160]
     columns = collector.columns()
     remarks = [f"{path}: messages of {topic} cannot be decoded: {count} set aside." for topic, count in unread.items()]
     if not columns.arrays:
@@ -88,7 +88,7 @@ def read_bag(path: Path) -> Columns:
 def _nothing(path: Path, cut: str, unread: Counter[str], topics: tuple[str, ...]) -> str:
     """Why a bag gives no column, and what to do about it."""
     if cut:
-        return f"{path}: is damaged from its beginning ({cut}); copy it again, or record it anew"
+        return f"{path}: is damaged from its beginning ({cut}); copy it again, or mend it with {_mended_by(path)}"
     if unread:
         known = ", ".join(list(unread)[:5])
         return (
@@ -98,6 +98,13 @@ def _nothing(path: Path, cut: str, unread: Counter[str], topics: tuple[str, ...]
     if topics:
         return f"{path}: none of its topics ({', '.join(topics[:5])}) holds numbers; record joint states"
     return f"{path}: holds no message; check what was recorded"
+
+
+def _mended_by(path: Path) -> str:
+    """The command that makes the most of a damaged file of this kind."""
+    if path.suffix in (".mcap", ".bag"):
+        return "mcap recover" if path.suffix == ".mcap" else "rosbag reindex"
+    return "ros2 bag reindex (its metadata), or sqlite3 FILE.db3 .recover (its messages)"
 
 
 def _messages(path: Path) -> Iterator[Raw]:

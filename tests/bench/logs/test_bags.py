@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -240,6 +241,27 @@ def test_a_database_that_is_cut_off(tmp_path: Path, messages: list[Message], sha
         said = str(wrong)
     assert said.startswith(f"{folder}: is damaged")
     assert "\n" not in said
+
+
+def test_a_folder_with_spoilt_metadata_names_what_mends_it(tmp_path: Path, messages: list[Message]) -> None:
+    folder = write_bag(tmp_path / "bag", messages[:100])
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n  sto")
+    with pytest.raises(UsageError, match=r"bag: is damaged from its beginning \(.*\); copy it again, or .* reindex"):
+        read(folder)
+
+
+def test_a_library_that_is_not_installed_is_named(
+    tmp_path: Path, messages: list[Message], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_bag(tmp_path / "bag", messages[:100])
+    path = write_json_mcap(tmp_path / "state.mcap")
+    for name in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(UsageError, match=r"reading bags of ROS needs rosbags, .*pip install 'norton-bench\[bags\]'"):
+        read(folder)
+    # JSON needs none.
+    assert "/state/elbow/angle" in read(path).arrays
 
 
 def garbage(path: Path) -> None:
