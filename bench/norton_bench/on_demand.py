@@ -8,7 +8,7 @@ from typing import Any
 from norton_bench.errors import UsageError
 
 # Which extra of pyproject.toml brings the module.
-EXTRAS = {"distributed": "cluster", "h5py": "tables", "pyarrow": "tables"}
+EXTRAS = {"distributed": "cluster", "h5py": "tables", "pyarrow": "tables", "rosbags": "bags"}
 
 
 def deferred(target: str) -> Callable[..., Any]:

@@ -1,5 +1,6 @@
 """``fit``, ``report``, ``recover`` and ``export``: commands for recordings."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -21,6 +22,7 @@ Test = Annotated[str | None, Parameter(help="Data only to predict, in the same w
 ModelName = Annotated[
     str | None, Parameter(name="--model", help='Friction model by name, or "best": the best on held-out parts.')
 ]
+Joint = Annotated[str | None, Parameter(help="Joint of a log of several; it stands for {joint} in the map.")]
 Format = Annotated[
     Literal["parquet", "csv", "mat", "candump"],
     Parameter(name="--format", help="Kind of tables, or the CAN frames alone."),
@@ -32,9 +34,10 @@ Predict = Annotated[Path | None, Parameter(help="Table (CSV) to write: what was 
 
 @dataclass(frozen=True)
 class Files:
-    """The files of a log's fit besides the logs: the map, and what is written."""
+    """The files of a log's fit besides the logs: the map, for which joint it is read, and what is written."""
 
     columns: Path | None
+    joint: str | None
     predict: Path | None
     out: Path | None
 
@@ -55,6 +58,7 @@ def fit(
     train: Train = None,
     test: Test = None,
     model: ModelName = None,
+    joint: Joint = None,
     predict: Predict = None,
     out: Out = None,
     json: Json = False,
@@ -63,11 +67,10 @@ def fit(
     """Fit a recording again, from its contents alone; or several recordings of one rig together; or logs of other
     programs; a map of their columns is proposed where none is given.
     """
-    logs = columns is not None or first.suffix.lower() != RECORDING_SUFFIX
-    if logs:
-        files = Files(columns, predict, out)
+    if columns is not None or _of_others(first):
+        files = Files(columns, joint, predict, out)
         return _fit_logs((first, *others), Split(train, test), model, files, Output(json, quiet))
-    _check_recordings((first, *others), (train, test, model, predict))
+    _check_recordings((first, *others), (train, test, model, joint, predict))
     if others:
         return _fit_several((first, *others), out, Output(json, quiet))
     from norton_bench.cli.results import identification, summary  # noqa: PLC0415
@@ -82,14 +85,24 @@ def fit(
     return result.exit_code
 
 
+def _of_others(path: Path) -> bool:
+    """Whether it is a log of another program."""
+    from norton_bench.logs.bags import is_of_others  # noqa: PLC0415
+
+    return path.suffix.lower() != RECORDING_SUFFIX or is_of_others(path)
+
+
 def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[object, ...]) -> None:
     """Raises UsageError for files that are no recordings, or options that these do not have."""
     for path in paths:
-        if path.suffix.lower() != RECORDING_SUFFIX and path.is_file():
-            raise UsageError(f"{path} is not an MCAP recording; fit recordings and logs of other programs apart")
+        if path.exists() and _of_others(path):
+            raise UsageError(
+                f"{path} is not an MCAP recording of this program; fit recordings and logs of other programs apart"
+            )
     if any(option is not None for option in for_logs):
         raise UsageError(
-            "--train, --test, --model and --predict are for logs of other programs; leave them out for recordings"
+            "--train, --test, --model, --joint and --predict are for logs of other programs; leave them out for "
+            "recordings"
         )
 
 
@@ -106,28 +119,30 @@ def _fit_logs(paths: tuple[Path, ...], split: Split, model: str | None, files: F
     from norton_bench.cli.several import log_identification, log_summary, report_log  # noqa: PLC0415
     from norton_bench.logs.column_map import load_map  # noqa: PLC0415
     from norton_bench.logs.fit import Request, fit_logs  # noqa: PLC0415
+    from norton_bench.logs.joints import with_joint  # noqa: PLC0415
     from norton_bench.logs.predictions import write_predictions  # noqa: PLC0415
 
     folder = _made(files.out)
-    columns = files.columns or _proposed(paths, folder, output)
-    column_map = load_map(columns)
+    columns = files.columns or _proposed(paths[0], files.joint, folder, output)
+    column_map = with_joint(load_map(columns), files.joint)
     output.say(f"fitting {', '.join(map(str, paths))}")
     request = Request(paths, column_map, split.train, split.test, model)
     fitted = fit_logs(request)
     if files.predict is not None:
         write_predictions(files.predict, fitted.predictions)
         output.say(f"predictions: {files.predict}")
-    report = None if folder is None else report_log(folder / f"{paths[0].stem}.report.html", request, fitted)
-    output.result(log_identification(fitted, paths, columns, report), log_summary(fitted, report))
+    name = ".".join([paths[0].stem, *([files.joint] if files.joint else []), "report.html"])
+    report = None if folder is None else report_log(folder / re.sub(r"[^\w.-]", "_", name), request, fitted)
+    output.result(log_identification(fitted, request, report), log_summary(fitted, report))
     held = fitted.converged and not fitted.doubtful and not fitted.alarms
     return ExitCode.OK if held else ExitCode.EXPERIMENT_FAILED
 
 
-def _proposed(paths: tuple[Path, ...], folder: Path | None, output: Output) -> Path:
+def _proposed(log: Path, joint: str | None, folder: Path | None, output: Output) -> Path:
     """A map made from the first log, written beside it or into the folder of --out."""
     from norton_bench.logs.propose import write_proposal  # noqa: PLC0415
 
-    path, sentences = write_proposal(paths[0], folder)
+    path, sentences = write_proposal(log, folder, joint)
     output.say(f"a map of its columns is proposed in {path}; read it, and name it with --columns from now on")
     for sentence in sentences:
         output.say(f"  {sentence}")

@@ -15,7 +15,7 @@ from norton_bench.logs.results import ErrorFigures, Errors, LogFit, Step
 from norton_bench.session.several import OneOf, Several
 
 
-def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, report: Path | None) -> dict[str, Any]:
+def log_identification(fit: LogFit, request: Request, report: Path | None) -> dict[str, Any]:
     """``fit LOG --columns MAP`` as ``--json`` prints it.
 
     There is no network file, because the lag of the amplifier is not fitted.
@@ -31,8 +31,9 @@ def log_identification(fit: LogFit, paths: Sequence[Path], column_map: Path, rep
         "alarms": list(fit.alarms),
         "verdict": list(fit.verdict),
         "converged": fit.converged,
-        "logs": list(paths),
-        "columns": column_map,
+        "logs": list(request.paths),
+        "columns": request.column_map.place,
+        "joint": request.column_map.log.joint,
         "recording": None,
         "network": None,
         "report": report,
@@ -116,6 +117,7 @@ def report_log(path: Path, request: Request, fit: LogFit) -> Path:
     column_map = request.column_map
     options = [f'--{name} "{text}"' for name, text in (("train", request.train), ("test", request.test)) if text]
     options += [f"--model {request.model}"] if request.model else []
+    options += [f'--joint "{column_map.log.joint}"'] if column_map.log.joint else []
     command = " ".join(["norton-bench fit", *map(str, request.paths), "--columns", column_map.place, *options])
     metadata = {"logs": ", ".join(map(str, request.paths)), "columns": column_map.place, "source": column_map.source}
     return write_log_report(path, column_map.title or request.paths[0].stem, fit, metadata, command)

@@ -6,8 +6,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.ladder import Rung
-from norton_bench.logs.column_map import Units
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.log_units import Units
 
 # Of the error on held-out parts: a test beyond is not what the training data promise.
 FAR = 2.0

@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from norton_bench.errors import UsageError
+from norton_bench.logs.log_units import Units
 from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text, toml
 from norton_bench.units import QUANTITY, check_unit, conversion, quantity_in
 
@@ -58,13 +59,28 @@ def _listed(written: object, key: str) -> object:
     return written
 
 
+class Factor(NamedTuple):
+    """A number with a unit."""
+
+    number: float
+    unit: str
+
+
+def _factor(written: object) -> object:
+    match = QUANTITY.fullmatch(written) if isinstance(written, str) else None
+    if match is None:
+        raise ValueError(f'{toml(written)} is not a quantity; write it like "0.12 N*m/A"')
+    return Factor(float(match[1]), check_unit(match[2]))
+
+
 GivenQuantity = Annotated[Given, BeforeValidator(_given)]
 
 
 class ColumnSection(MapSection):
     """One column of the log: value = sign · (scale · written + offset), in ``unit``, at its time + ``shift``.
 
-    Without a unit, it has the one that stands in brackets behind its name in the log.
+    Without a unit, it has the one that stands in brackets behind its name in the log. ``gain`` is another factor, with
+    a unit of its own, and ``side`` that of the gear on which it was measured.
     """
 
     name: str = Field(examples=["qm"])
@@ -72,10 +88,16 @@ class ColumnSection(MapSection):
     scale: float = Field(1.0, examples=[0.001])
     offset: float = Field(0.0, examples=[-2.5])
     sign: Literal[1, -1] = 1
+    gain: Annotated[Factor | None, BeforeValidator(_factor)] = Field(None, examples=["0.12 N*m/A"])
+    side: Literal["joint", "motor"] = "joint"
     bits: int | None = Field(None, ge=2, le=64, examples=[16])
     shift_s: Annotated[float, quantity_in("s")] = Field(0.0, alias="shift", examples=["-2 ms"])
     missing: float | None = Field(None, examples=[-999])
     optional: bool = False
+
+    def of_product(self, unit: str) -> str:
+        """The unit of a value in ``unit`` times the gain."""
+        return unit if self.gain is None else f"({unit or '1'})*({self.gain.unit or '1'})"
 
     @model_validator(mode="before")
     @classmethod
@@ -94,8 +116,9 @@ class LogSection(MapSection):
     """``[log]``: the file as a whole."""
 
     motion: Literal["rotation", "translation"] = Field(examples=["rotation"])
-    format: Literal["csv", "tsv", "mat", "hdf5", "parquet", "jsonl", "json"] | None = None
+    format: Literal["csv", "tsv", "mat", "hdf5", "parquet", "jsonl", "json", "bag"] | None = None
     entries: str | None = Field(None, examples=["entries"])
+    joint: str | None = Field(None, examples=["elbow"])
     separator: str | None = Field(None, min_length=1, max_length=1, examples=[";"])
     header: bool = True
     skip: int = Field(0, ge=0, examples=[2])
@@ -125,6 +148,7 @@ class ActuatorSection(MapSection):
     torque_gain: GivenQuantity | None = Field(None, examples=["35 N/V"])
     voltage_driven: bool = False
     resistance: GivenQuantity | None = Field(None, examples=["4 ohm"])
+    gear_ratio: GivenQuantity | None = Field(None, examples=[50])
 
 
 class LoadSection(MapSection):
@@ -133,6 +157,8 @@ class LoadSection(MapSection):
     inertia: GivenQuantity | None = Field(None, examples=["0.0049 kg*m^2"])
     gravity: GivenQuantity | None = Field(None, examples=["0.48 N*m"])
     gravity_zero: GivenQuantity | None = Field(None, examples=["0 rad"])
+    mass: GivenQuantity | None = Field(None, examples=["0.5 kg"])
+    length: GivenQuantity | None = Field(None, examples=["0.1 m"])
 
 
 class LoopSection(MapSection):
@@ -190,65 +216,6 @@ class MapFile(MapSection):
 
 
 @dataclass(frozen=True)
-class Units:
-    """The SI units of a log: those of motion and exertion, and of the command, which keeps its own.
-
-    ``drive`` is the unit of what acts on the motor: volt where the command is the share of a supply.
-    """
-
-    motion: str
-    exertion: str
-    inertia: str
-    command: str
-    drive: str
-
-    @classmethod
-    def of(cls, motion: str, command: str, *, supplied: bool) -> "Units":
-        drive = "V" if supplied else command
-        if motion == "translation":
-            return cls("m", "N", "kg", command, drive)
-        return cls("rad", "N*m", "kg*m^2", command, drive)
-
-    @property
-    def columns(self) -> Mapping[str, str]:
-        """The unit that each column is converted to."""
-        return {
-            "time": "s",
-            "position": self.motion,
-            "velocity": f"{self.motion}/s",
-            "command": self.command,
-            "exertion": self.exertion,
-            "goal": self.motion,
-            "enabled": "",
-            "supply": "V",
-            "temperature": "degC",
-            "normal": "N",
-            "load": self.exertion,
-        }
-
-    @property
-    def gain(self) -> str:
-        """The unit of exertion per drive."""
-        return f"{self.exertion}/({self.drive})" if self.drive else self.exertion
-
-    @property
-    def givens(self) -> Mapping[tuple[str, str], str]:
-        """The unit of each number that a section may give."""
-        command = self.command or "1"
-        return {
-            ("actuator", "torque_gain"): self.gain,
-            ("actuator", "resistance"): "ohm",
-            ("load", "inertia"): self.inertia,
-            ("load", "gravity"): self.exertion,
-            ("load", "gravity_zero"): self.motion,
-            ("loop", "proportional"): f"({command})/{self.motion}",
-            ("loop", "derivative"): f"({command})*s/{self.motion}",
-            ("loop", "limit"): self.command,
-            ("model", "cogging_period"): self.motion,
-        }
-
-
-@dataclass(frozen=True)
 class ColumnMap:
     """What a log's columns mean. ``place`` is the file it came from."""
 
@@ -268,6 +235,21 @@ class ColumnMap:
     @property
     def translation(self) -> bool:
         return self.log.motion == "translation"
+
+    def unit_of(self, name: str) -> str:
+        """The unit that a mapped column is converted to; the motor turns also where the joint slides."""
+        return self._units_at(self.mapped()[name].side).columns[name]
+
+    def unit_of_given(self, section: str, key: str) -> str:
+        """The unit that a known number is converted to."""
+        command, position = self.columns.command, self.columns.position
+        of = {"torque_gain": command, "proportional": position, "derivative": position}.get(key)
+        return self._units_at("joint" if of is None else of.side).givens[section, key]
+
+    def _units_at(self, side: str) -> Units:
+        if side == "joint":
+            return self.units
+        return Units.of("rotation", self.units.command, supplied=self.columns.supply is not None)
 
     def mapped(self) -> Mapping[str, ColumnSection]:
         """The columns that the map names, by what they hold."""
@@ -306,14 +288,15 @@ def parse_map(text: str, *, place: str) -> ColumnMap:
 def _check_units(column_map: ColumnMap, mistakes: Mistakes) -> None:
     """Every unit must be of the dimension that is meant: an angle is not a length."""
     for name, column in column_map.mapped().items():
+        unit = column_map.unit_of(name)
         _check_unit(
-            column.unit if column.unit is not None else column_map.units.columns[name],
-            column_map.units.columns[name],
+            column.of_product(column.unit or "") if column.gain or column.unit is not None else unit,
+            unit,
             f"[columns.{name}] unit",
             mistakes,
         )
     for (section, key), given in column_map.givens().items():
-        _check_unit(given.unit, column_map.units.givens[section, key], f"[{section}] {key}", mistakes)
+        _check_unit(given.unit, column_map.unit_of_given(section, key), f"[{section}] {key}", mistakes)
 
 
 def _check_unit(unit: str, wanted: str, where: str, mistakes: Mistakes) -> None:
@@ -330,8 +313,6 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add(
             "[columns] supply", "is for a command that is a share of it, a plain number; leave one of them out"
         )
-    if columns.time is None and column_map.log.rate_hz is None:
-        mistakes.add("[columns] time", 'is missing; add time = { name = "t", unit = "s" }, or [log] rate = "1 kHz"')
     if columns.position is None and columns.velocity is None:
         mistakes.add(
             "[columns] position", f'is missing; add position = {{ name = "q", unit = "{column_map.units.motion}" }}'
@@ -340,12 +321,31 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add("[columns]", "neither command nor exertion is given; add the one that the log holds")
     if columns.command is None and column_map.actuator.torque_gain is not None:
         mistakes.add("[actuator] torque_gain", "has no command to act on; add [columns] command, or leave it out")
+    _check_load(column_map, mistakes)
+    geared = [name for name, section in column_map.mapped().items() if section.side == "motor"]
+    if geared and column_map.actuator.gear_ratio is None:
+        mistakes.add(
+            f"[columns.{geared[0]}] side", "is the motor's, so the ratio is needed; add [actuator] gear_ratio = 50"
+        )
+    if not geared and column_map.actuator.gear_ratio is not None:
+        mistakes.add(
+            "[actuator] gear_ratio", 'acts on nothing; write side = "motor" at the columns of the motor\'s side'
+        )
     if column_map.loop is not None and columns.goal is None:
         mistakes.add("[loop]", "needs a goal; add [columns] goal, or leave [loop] out")
     if column_map.model.temperature and columns.temperature is None:
         mistakes.add("[model] temperature", 'needs one; add [columns] temperature = "name", or leave it out')
     if column_map.model.refine is not None:
         _check_refinement(column_map, mistakes)
+
+
+def _check_load(column_map: ColumnMap, mistakes: Mistakes) -> None:
+    mass, length = column_map.load.mass, column_map.load.length
+    if (mass is None) != (length is None):
+        named, other = ("mass", "length") if length is None else ("length", "mass")
+        mistakes.add(f"[load] {named}", f"needs a {other} for the torque of gravity; add it, or leave it out")
+    elif mass is not None and column_map.translation:
+        mistakes.add("[load] mass", 'is of a turning load; for a slide write inertia = "2 kg", and gravity = "3 N"')
 
 
 def _check_refinement(column_map: ColumnMap, mistakes: Mistakes) -> None:

@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,15 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError, nearest
+from norton_bench.logs.bags import is_bag, read_bag
 from norton_bench.logs.column_map import LogSection
+from norton_bench.logs.long_table import by_name
+from norton_bench.logs.messages import Columns
 from norton_bench.logs.text_table import read_text_table
 from norton_bench.on_demand import extra
 from norton_bench.units import check_unit
 
+BAG = "bag"
 SUFFIXES = {
     ".csv": "csv",
     ".txt": "csv",
@@ -31,6 +35,9 @@ SUFFIXES = {
     ".jsonl": "jsonl",
     ".ndjson": "jsonl",
     ".json": "json",
+    ".mcap": BAG,
+    ".db3": BAG,
+    ".bag": BAG,
 }
 # What a reader has to say of the file, beside its columns.
 REMARKS = "\0remarks"
@@ -42,7 +49,8 @@ UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*")
 class Content:
     """What a log file holds: ``arrays`` of numbers, one-dimensional and not all of one length, and single numbers.
 
-    ``unreadable`` says of a name why it is no array of numbers, ``remarks`` what was set aside.
+    ``unreadable`` says of a name why it is no array of numbers, ``remarks`` what was set aside. Where every column has
+    times of its own, in seconds of one clock, they are in ``times_s`` by the column's name.
     """
 
     place: str
@@ -50,6 +58,11 @@ class Content:
     numbers: Mapping[str, float]
     unreadable: Mapping[str, str]
     remarks: tuple[str, ...] = ()
+    times_s: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def unit(self, name: str) -> str:
+        """The unit as it is written behind the name; empty for none. What a bag has there is a joint."""
+        return "" if self.times_s else split_unit(self.spelt(name))[1]
 
     def spelt(self, name: str) -> str:
         """The name as it stands in the file: a unit in brackets behind it need not be repeated."""
@@ -118,17 +131,24 @@ def plain_unit(text: str) -> str:
     return check_unit(unit)
 
 
+def kind_of(path: Path) -> str | None:
+    """By the end of its name, or by what the folder holds; None where that tells nothing."""
+    return BAG if is_bag(path) else SUFFIXES.get(path.suffix.lower())
+
+
 def read_file(path: Path, section: LogSection) -> Content:
     """Everything in the file. Raises UsageError, in a sentence, where it cannot be read."""
-    kind = section.format or SUFFIXES.get(path.suffix.lower())
+    kind = section.format or kind_of(path)
     if kind is None:
         known = ", ".join(sorted(set(SUFFIXES.values())))
         raise UsageError(f'{path}: its kind is not known by its name; write [log] format = "..." (one of {known})')
-    if not path.is_file():
+    if not path.is_file() and not (kind == BAG and is_bag(path)):
         raise UsageError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; check the path")
     if path.stat().st_size == 0:
         raise UsageError(f"{path}: is empty; check how it was written")
     try:
+        if kind == BAG:
+            return _of_streams(path, read_bag(path), ())
         result = READERS[kind](path, section)
     except UsageError:
         raise
@@ -139,7 +159,15 @@ def read_file(path: Path, section: LogSection) -> Content:
         raise UsageError(
             f"{path}: cannot be read as {kind} ({first}); check the file, or write [log] format"
         ) from wrong
+    streams = by_name(result)
+    if streams is not None:
+        return _of_streams(path, streams, result.get(REMARKS))
     return _content(path, result)
+
+
+def _of_streams(path: Path, columns: Columns, remarks: object) -> Content:
+    said = remarks if isinstance(remarks, tuple) else ()
+    return Content(str(path), columns.arrays, {}, {}, (*said, *columns.remarks), columns.times_s)
 
 
 def _content(path: Path, result: Mapping[str, object]) -> Content:

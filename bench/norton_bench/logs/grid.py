@@ -13,6 +13,7 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.standstill import resolution
 from norton_bench.logs.log import Log, untrustworthy
+from norton_bench.logs.streams import GAP
 
 # Where the map says nothing: the low-pass of the position, and the rows' rate, as shares of the sampling rate.
 CUTOFF = 0.1
@@ -87,8 +88,6 @@ def integral(values: FloatArray, dt_s: float) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt_s)])
 
 
-# Intervals this much longer than the usual one are gaps; shorter ones are bridged.
-GAP = 5.0
 # Intervals that agree this well are one: nothing is interpolated.
 EVEN = 1e-3
 # A stretch with fewer samples than this is left out.

@@ -11,7 +11,10 @@ from norton_bench.errors import UsageError
 from norton_bench.identification import standstill
 from norton_bench.identification.standstill import FROZEN_ROWS, flat_tops, rows_of
 from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
-from norton_bench.logs.files import Content, plain_unit, read_file, split_unit
+from norton_bench.logs.files import Content, plain_unit, read_file
+from norton_bench.logs.gears import at_joint
+from norton_bench.logs.joints import of_its_joint
+from norton_bench.logs.streams import Stream, filled_apart, on_rows
 from norton_bench.units import conversion
 
 # Fewer rows than this tell nothing of a machine.
@@ -42,19 +45,41 @@ class Log:
 def read_log(path: Path, column_map: ColumnMap) -> Log:
     """The log by the map. Raises UsageError, in a sentence with place and mend, where it cannot be used."""
     content = read_file(path, column_map.log)
+    column_map, chosen = of_its_joint(column_map, content)
     columns = _columns(content, column_map)
-    givens = _givens(content, column_map)
-    _check_lengths(content.place, columns)
-    time_s = columns.pop("time", None)
-    if time_s is None:
-        assert column_map.log.rate_hz is not None  # the map was refused otherwise
-        time_s = np.arange(len(next(iter(columns.values())))) / column_map.log.rate_hz
-    elif np.any(np.isfinite(time_s)):
+    columns, givens = at_joint(content.place, columns, _givens(content, column_map), column_map)
+    time_s, columns, remarks = _rows_of(content, columns, column_map)
+    _check_lengths(content.place, {"time": time_s, **columns})
+    if np.any(np.isfinite(time_s)):
         time_s = time_s - time_s[np.isfinite(time_s)][0]
     shifts = {
         name: section.shift_s for name, section in column_map.mapped().items() if section.shift_s and name != "time"
     }
-    return Log(content.place, time_s, columns, givens, shifts, content.remarks)
+    return Log(content.place, time_s, columns, givens, shifts, (*content.remarks, *chosen, *remarks))
+
+
+def _rows_of(
+    content: Content, columns: Mapping[str, FloatArray], column_map: ColumnMap
+) -> tuple[FloatArray, dict[str, FloatArray], tuple[str, ...]]:
+    """The times of the rows in seconds, the columns without them, and what was done to those of other times."""
+    if content.times_s:
+        names = {what: content.spelt(section.name) for what, section in column_map.mapped().items()}
+        streams = {what: Stream(names[what], content.times_s[names[what]], values) for what, values in columns.items()}
+        return on_rows(content.place, streams, column_map.log.gap_s)
+    others = {what: values for what, values in columns.items() if what != "time"}
+    if "time" in columns:
+        dense = {what: values for what, values in others.items() if what not in SPARSE}
+        if len({len(values) for values in columns.values()}) == 1 and filled_apart(columns["time"], dense):
+            names = {what: section.name for what, section in column_map.mapped().items()}
+            streams = {what: Stream(names[what], columns["time"], values).ordered() for what, values in others.items()}
+            return on_rows(content.place, streams, column_map.log.gap_s)
+        return columns["time"], others, ()
+    if column_map.log.rate_hz is None:
+        raise UsageError(
+            f"{content.place}: [columns] time of {column_map.place} is missing; add "
+            'time = { name = "t", unit = "s" }, or [log] rate = "1 kHz"'
+        )
+    return np.arange(len(next(iter(others.values())))) / column_map.log.rate_hz, others, ()
 
 
 def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:
@@ -63,7 +88,7 @@ def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:
         if section.optional and content.spelt(section.name) not in content.arrays:
             continue
         where = f"[columns] {name} of {column_map.place}"
-        unit = column_map.units.columns[name]
+        unit = column_map.unit_of(name)
         written = _unit_of(content, section, unit, where)
         columns[name] = in_si(content.array(section.name, where), section, written, unit)
     return columns
@@ -71,9 +96,9 @@ def _columns(content: Content, column_map: ColumnMap) -> dict[str, FloatArray]:
 
 def _unit_of(content: Content, section: ColumnSection, wanted: str, where: str) -> str:
     """The unit that the map gives, else the one behind the column's name. Raises UsageError for neither."""
-    if section.unit is not None or not wanted:
-        return section.unit or ""
-    behind = split_unit(content.spelt(section.name))[1]
+    if section.unit is not None or section.gain is not None or not wanted:
+        return section.of_product(section.unit or "")
+    behind = content.unit(section.name)
     try:
         unit = plain_unit(behind)
         conversion(unit, wanted)
@@ -84,7 +109,7 @@ def _unit_of(content: Content, section: ColumnSection, wanted: str, where: str) 
 
 
 def in_si(raw: FloatArray, section: ColumnSection, written: str, unit: str) -> FloatArray:
-    """sign · (scale · raw + offset), converted from the unit ``written`` to ``unit``; what is missing is NaN."""
+    """sign · gain · (scale · raw + offset), converted from the unit ``written`` to ``unit``; what is missing is NaN."""
     values = np.where(np.isfinite(raw), raw, np.nan)
     if section.missing is not None:
         values = np.where(values == section.missing, np.nan, values)
@@ -92,14 +117,15 @@ def in_si(raw: FloatArray, section: ColumnSection, written: str, unit: str) -> F
         # Written unsigned, meant in two's complement; what is negative already stays so.
         values = np.where(values >= 2.0 ** (section.bits - 1), values - 2.0**section.bits, values)
     factor, shift = conversion(written, unit)
-    return np.asarray((section.sign * (section.scale * values + section.offset)) * factor + shift)
+    gain = 1.0 if section.gain is None else section.gain.number
+    return np.asarray((section.sign * gain * (section.scale * values + section.offset)) * factor + shift)
 
 
 def _givens(content: Content, column_map: ColumnMap) -> dict[tuple[str, str], float]:
     givens = {}
     for (section, key), given in column_map.givens().items():
         where = f"[{section}] {key} of {column_map.place}"
-        value = _value(content, given, column_map.units.givens[section, key], where)
+        value = _value(content, given, column_map.unit_of_given(section, key), where)
         if value is not None:
             givens[section, key] = value
     return givens

@@ -12,39 +12,26 @@ from pathlib import Path
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import BenchError, UsageError
+from norton_bench.errors import BenchError, UsageError, nearest
 from norton_bench.logs.column_map import LogSection, parse_map
+from norton_bench.logs.column_names import DRIVE, joints_of, kind_of_column, unit_in_name
 from norton_bench.logs.equation import make_problem
-from norton_bench.logs.files import SUFFIXES, Content, plain_unit, read_file, split_unit
+from norton_bench.logs.files import Content, kind_of, read_file, split_unit
 from norton_bench.logs.grid import common_interval, stretches
+from norton_bench.logs.joints import JOINT, asking
 from norton_bench.logs.log import read_log, usable_rows
 from norton_bench.logs.sanity_checks import Basic
 from norton_bench.rig.files import toml
 from norton_bench.units import conversion
 
-# What a column holds, by its name without case, in the order in which they are asked: a "position goal" is a goal, a
-# "torque command" a command.
-NAMES: Mapping[str, str] = {
-    "time": r"^(t|ts|sec|secs|seconds)$|time|stamp|zeit|clock",
-    "goal": r"goal|set.?point|target|desired|reference|(^|_)(ref|des|soll)(_|$)",
-    "command": r"command|(^|_)(cmd|i|iq|u|pwm|amps?|volts?)(_|$|\d)|current|voltage|duty|strom",
-    "exertion": r"torque|(^|_)(tau|trq|moment)(_|$|\d)|force|effort|load.?cell|drehmoment|kraft",
-    "velocity": r"veloc|speed|(^|_)(vel|omega|qd|dq|rpm|w|v)(_|$|\d)|geschwindigkeit",
-    "position": r"position|angle|encoder|displacement|(^|_)(pos|theta|phi|q|qm|x)(_|$|\d)|winkel|weg",
-    "temperature": r"temp",
-}
-# Units at the end of a name, longest first.
-ENDINGS: Mapping[str, str] = {
-    "rad_s": "rad/s", "deg_s": "deg/s", "mm_s": "mm/s", "m_s": "m/s", "rpm": "rpm", "rad": "rad", "deg": "deg",
-    "mm": "mm", "um": "um", "nm": "N*m", "ms": "ms", "us": "us", "ns": "ns", "ma": "mA", "s": "s", "m": "m", "n": "N",
-    "a": "A", "v": "V", "c": "degC",
-}  # fmt: skip
 # Without a word of it, the unit of time is that in which rows follow each other by this much at most.
 CLOCKS = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 SLOWEST_S = 0.5
 # Velocity over the derivative of position as it stands, where units were not told; and how near is near.
 RATIOS = ((1.0, None, None), (180 / np.pi, "rad", "deg/s"), (np.pi / 180, "deg", "rad/s"), (30 / np.pi, "rad", "rpm"))
 NEAR = 0.1
+# The effort of sensor_msgs/JointState, which is in N·m or N.
+EFFORT = re.compile(r"(^|/)effort(\[|$)")
 LENGTHS = ("m", "mm", "um", "cm", "km")
 ALIKE = 0.7
 
@@ -58,15 +45,16 @@ class Guess:
     sign: int = 1
 
 
-def write_proposal(log: Path, folder: Path | None) -> tuple[Path, tuple[str, ...]]:
+def write_proposal(log: Path, folder: Path | None, joint: str | None = None) -> tuple[Path, tuple[str, ...]]:
     """The map's file, beside the log or in ``folder``, and what its reader must know.
 
-    Raises UsageError where no column can be told from its name, or a map of that name is there already.
+    Raises UsageError where no column can be told from its name, ``joint`` is none of the log's, or must be chosen, or a
+    map of that name is there already.
     """
     path = (folder or log.parent) / f"{log.stem}.map.toml"
     if path.exists():
         raise UsageError(f"{path}: is there already; name it with --columns {path}, or remove it for a new proposal")
-    text, sentences = propose(log)
+    text, sentences = propose(log, joint)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -74,49 +62,86 @@ def write_proposal(log: Path, folder: Path | None) -> tuple[Path, tuple[str, ...
     return path, sentences
 
 
-def propose(log: Path) -> tuple[str, tuple[str, ...]]:
+def propose(log: Path, joint: str | None = None) -> tuple[str, tuple[str, ...]]:
     """The map's text, and what its reader must know. Raises UsageError as :func:`write_proposal`."""
-    if log.suffix.lower() not in SUFFIXES:
+    if kind_of(log) is None and log.exists():
         raise UsageError(f"{log}: its kind is not known by its name; write a map with [log] format, as in docs/logs.md")
     content = read_file(log, LogSection(motion="rotation"))
-    guesses, sentences = _columns(content)
+    one = _chosen(content, joint)
+    guesses, sentences = _columns(content, one.names)
     _check(log, content, guesses)
     guesses, by_motion = _by_motion(content, guesses)
     guesses, by_power = _by_power(log, guesses)
-    return _text(log, guesses), (*sentences, *by_motion, *by_power)
+    return _text(log, guesses, one), (*one.said, *sentences, *by_motion, *by_power)
 
 
-def _columns(content: Content) -> tuple[dict[str, Guess], list[str]]:
-    """Columns by name; of several that could be the same the first."""
+@dataclass(frozen=True)
+class Chosen:
+    """The joint that a log is read for: ``names`` are its columns, as they stand in the map; empty without joints."""
+
+    joint: str | None
+    names: Mapping[str, str]
+    said: tuple[str, ...] = ()
+
+
+def _chosen(content: Content, joint: str | None) -> Chosen:
+    joints = joints_of(content)
+    if joint is None and len(joints) > 1:
+        raise UsageError(asking(content.place, joints, "--joint NAME"))
+    if joint is None and joints:
+        (joint,) = joints
+        return Chosen(joint, joints[joint], (f'the joint is "{joint}", the only one.',))
+    if joint is None:
+        return Chosen(None, {})
+    if joint not in joints:
+        raise UsageError(f'{content.place}: holds no joint "{joint}" (--joint); {nearest(joint, joints)}')
+    return Chosen(joint, joints[joint])
+
+
+def _columns(content: Content, own: Mapping[str, str]) -> tuple[dict[str, Guess], list[str]]:
+    """Columns by name, those of the joint first; of several that could be the same the first."""
     usual = Counter(array.size for array in content.arrays.values()).most_common(1)[0][0]
+    others = joints_of(content).values() if own else ()
+    foreign = {name for joint in others for name in joint} - set(own)
     guesses: dict[str, Guess] = {}
     sentences: list[str] = []
-    for name, array in content.arrays.items():
-        if array.size != usual:
+    for name in (*own, *_by_variation(content, [name for name in content.arrays if name not in (*own, *foreign)])):
+        array = content.arrays[name]
+        if not content.times_s and array.size != usual:
             continue
-        bare, behind = split_unit(name)
-        what = next((each for each, pattern in NAMES.items() if re.search(pattern, bare.split("/")[-1].lower())), None)
-        if what is None:
+        bare, behind = (name, "") if content.times_s else split_unit(name)
+        what = kind_of_column(own[name].replace(JOINT, "") if name in own else bare)
+        if what is None or (content.times_s and (what == "time" or np.ptp(array) == 0)):
             continue
-        if what in guesses:
+        if what not in guesses:
+            guesses[what] = Guess(name, unit_in_name(bare, behind))
+        elif name in own or not content.times_s or what in DRIVE:
             sentences.append(f'"{name}" may be the {what} too; "{guesses[what].name}" is taken.')
-            continue
-        guesses[what] = Guess(name, _unit(bare, behind))
-    return guesses, sentences
+    return _effort(guesses, sentences), sentences
 
 
-def _unit(bare: str, behind: str) -> str:
-    """The unit behind the name, or at its end; empty where neither is one."""
-    try:
-        return plain_unit(behind)
-    except ValueError:
-        ending = next((each for each in ENDINGS if bare.lower().endswith(f"_{each}")), None)
-        return ENDINGS[ending] if ending else ""
+def _by_variation(content: Content, names: Sequence[str]) -> Sequence[str]:
+    """Of the many numbers of a bag those that vary most first, and torques before forces; else as they stand."""
+    if not content.times_s:
+        return names
+    return sorted(names, key=lambda name: ("torque" not in name.lower(), -float(np.nanstd(content.arrays[name]))))
+
+
+def _effort(guesses: dict[str, Guess], sentences: list[str]) -> dict[str, Guess]:
+    """The effort of joint states is what the motor exerts at the joint, and not what a sensor at the port measures."""
+    exertion = guesses.get("exertion")
+    if exertion is None or "command" in guesses or not EFFORT.search(exertion.name):
+        return guesses
+    sentences.append(
+        f'the effort "{exertion.name}" is taken to be the torque of the drive at the joint; if a sensor behind the '
+        "gears measures it, call it exertion, and leave torque_gain out."
+    )
+    return {what if what != "exertion" else "command": guess for what, guess in guesses.items()}
 
 
 def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
     missing = []
-    if "time" not in guesses:
+    if "time" not in guesses and not content.times_s:
         missing.append("a time")
     if not {"position", "velocity"} & set(guesses):
         missing.append("a position or velocity")
@@ -133,22 +158,29 @@ def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
 def _by_motion(content: Content, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
     """Units that no name gives: the clock's by its rows, the motion's by velocity against position."""
     result, sentences = dict(guesses), []
-    time = content.arrays[guesses["time"].name]
-    if not guesses["time"].unit:
+    moving = guesses["position" if "position" in guesses else "velocity"].name
+    time = content.times_s[moving] if content.times_s else content.arrays[guesses["time"].name]
+    if not content.times_s and not guesses["time"].unit:
         step = float(np.nanmedian(np.diff(time)))
         unit = next((unit for unit, per_s in CLOCKS if step / per_s <= SLOWEST_S), "s")
         result["time"] = replace(guesses["time"], unit=unit)
         sentences.append(
             f'the time "{guesses["time"].name}" is taken to be in {unit}: rows are {step:.4g} {unit} apart.'
         )
-    time_s = time * conversion(result["time"].unit, "s")[0]
-    if {"position", "velocity"} <= set(guesses):
+    time_s = time if content.times_s else time * conversion(result["time"].unit, "s")[0]
+    if {"position", "velocity"} <= set(guesses) and _together(content, guesses):
         sentences += _velocity(content, time_s, result)
     for what, unit in _assumed(result).items():
         if what in result and not result[what].unit:
             result[what] = replace(result[what], unit=unit)
             sentences.append(f'the {what} "{result[what].name}" is taken to be in {unit}, for nothing tells.')
     return result, sentences
+
+
+def _together(content: Content, guesses: Mapping[str, Guess]) -> bool:
+    """Whether position and velocity were sampled at the same times."""
+    position, velocity = (content.arrays[guesses[what].name] for what in ("position", "velocity"))
+    return position.size == velocity.size
 
 
 def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
@@ -160,6 +192,7 @@ def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
         "velocity": "m/s" if length else "rad/s",
         "goal": position or ("m" if length else "rad"),
         "exertion": "N" if length else "N*m",
+        **({"command": "N" if length else "N*m"} if EFFORT.search(guesses.get("command", Guess("", "")).name) else {}),
         "temperature": "degC",
     }
 
@@ -214,14 +247,14 @@ def _by_power(log: Path, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], l
 
 
 def _sound(log: Path, guesses: Mapping[str, Guess]) -> bool:
-    column_map = parse_map(_text(log, guesses), place=str(log))
+    column_map = parse_map(_text(log, guesses, Chosen(None, {})), place=str(log))
     one = usable_rows(read_log(log, column_map))
     parts, _ = stretches(one, common_interval([one], None), None)
     everything = [(np.ones(len(part.time_s), dtype=bool), np.zeros(len(part.time_s), dtype=bool)) for part in parts]
     return Basic.of(make_problem(column_map, parts, everything)).sound
 
 
-def _text(log: Path, guesses: Mapping[str, Guess]) -> str:
+def _text(log: Path, guesses: Mapping[str, Guess], one: Chosen) -> str:
     """The map as a file."""
     motion = "translation" if _translation(guesses) else "rotation"
     lines = [
@@ -230,13 +263,14 @@ def _text(log: Path, guesses: Mapping[str, Guess]) -> str:
         "",
         "[log]",
         f'motion = "{motion}"',
+        *([f"joint = {toml(one.joint)}     # --joint chooses another"] if one.joint is not None else []),
         "",
         "[columns]",
     ]
     for what, guess in guesses.items():
         unit = f", unit = {toml(guess.unit)}" if guess.unit else ""
         sign = ", sign = -1" if guess.sign < 0 else ""
-        lines.append(f"{what} = {{ name = {toml(guess.name)}{unit}{sign} }}")
+        lines.append(f"{what} = {{ name = {toml(one.names.get(guess.name, guess.name))}{unit}{sign} }}")
     lines += _advice(guesses, "N" if motion == "translation" else "N*m")
     return "\n".join(lines) + "\n"
 
@@ -244,6 +278,8 @@ def _text(log: Path, guesses: Mapping[str, Guess]) -> str:
 def _advice(guesses: Mapping[str, Guess], exertion: str) -> Sequence[str]:
     if "exertion" in guesses or "command" not in guesses:
         return ()
+    if EFFORT.search(guesses["command"].name):
+        return ("", "[actuator]", "torque_gain = 1     # the effort is a torque already")
     unit = guesses["command"].unit or "1"
     return (
         "",

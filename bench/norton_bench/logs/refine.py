@@ -13,8 +13,9 @@ from norton_bench.arrays import BoolArray
 from norton_bench.errors import ExperimentError, UsageError, nearest
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.statistics import LEAST_GAIN, held_out_rms
-from norton_bench.logs.column_map import ColumnMap, Units
+from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.log_units import Units
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
 from norton_bench.logs.servo import LADDER, UNITS, Box, FittedLogs, ServoFit, ServoLog, ServoModel, fit_servo
 from norton_bench.models.parameters import Estimate, Status

@@ -10,9 +10,9 @@ from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.between import Compared
-from norton_bench.logs.column_map import Units
 from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, edge_s
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.log_units import Units
 from norton_bench.logs.predictions import Predictions
 from norton_bench.models.parameters import Estimate, Status
 

@@ -5,8 +5,8 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.friction_model import Path
-from norton_bench.logs.column_map import Units
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.log_units import Units
 from norton_bench.models.parameters import Estimate, Status
 
 # Of the speeds trained on: the middle part, in so many steps.

@@ -338,7 +338,7 @@ NO_RECORDING: dict[str, tuple[str, ...]] = {
 @pytest.mark.parametrize(
     ("command", "mend"),
     [
-        ("fit", "name one of its recordings"),
+        ("fit", "holds numbers; record joint states"),  # to "fit", it is a log of another program
         ("report", "name one of its recordings"),
         ("export", "name one of its recordings"),
         ("recover", "there is nothing to recover"),

@@ -5,10 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as McapWriter
 
 from norton_bench.cli.app import main
+from tests.bench.logs.bags import TRUE, robot, write_bag, write_json_mcap
 from tests.bench.logs.machines import FREE, Machine, write_csv
 
+STATE = """
+[log]
+motion = "rotation"
+[columns]
+position = { name = "/state/elbow/angle", unit = "rad" }
+exertion = { name = "/state/elbow/torque", unit = "N*m" }
+[model]
+candidates = ["coulomb-viscous"]
+"""
 MACHINE = Machine(duration_s=8.0, rate_hz=200.0)
 
 
@@ -98,6 +109,34 @@ def test_predictions_are_a_table_with_units_in_its_header(log: Path, capsys: pyt
     assert np.mean(within) > 0.9
     assert main(["fit", str(log), "--columns", str(log.parent / "map.toml"), "--predict", str(log.parent)]) == 2
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_a_bag_of_several_joints_asks_for_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = str(write_bag(tmp_path / "arm", robot(wrench_hz=200.0)))
+    assert main(["fit", folder]) == 2
+    assert f"{folder}: holds several joints (shoulder, elbow); choose one: --joint NAME" in capsys.readouterr().err
+    options = ["--json", "--model", "coulomb-viscous", "--out", str(tmp_path / "out")]
+    assert main(["fit", folder, "--joint", "elbow", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"]["inertia"]["value"] == pytest.approx(TRUE["elbow"].inertia, rel=0.02)
+    assert found["joint"] == "elbow"
+    assert found["report"] == str(tmp_path / "out" / "arm.elbow.report.html")
+    assert "--joint &#34;elbow&#34;" in Path(found["report"]).read_text()
+
+
+def test_an_mcap_file_of_another_program_is_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_json_mcap(tmp_path / "elbow.mcap")
+    (tmp_path / "map.toml").write_text(STATE)
+    assert fitted(path, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["parameters"]["inertia"]["value"] == pytest.approx(TRUE["elbow"].inertia, rel=0.02)
+    recording = tmp_path / "recording.mcap"
+    with recording.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="norton-bench")
+        writer.finish()
+    assert main(["fit", str(recording), str(path)]) == 2
+    assert "fit recordings and logs of other programs apart" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("options", [["--train", "0:1 s"], ["--model", "dahl"], ["other.mcap", "--test", "x"]])

@@ -130,6 +130,12 @@ def test_words_among_numbers_are_named_with_their_row(tmp_path: Path) -> None:
         read_log(path, column_map(FREE))
 
 
+def test_a_table_needs_a_time_or_a_rate(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "log.csv", SHORT.log())
+    with pytest.raises(UsageError, match=r"\[columns\] time of map.toml is missing; add time = .*, or \[log\] rate"):
+        read_log(path, column_map(FREE.replace('time = { name = "t", unit = "s" }', "")))
+
+
 def test_units_scale_offset_sign_and_complement(tmp_path: Path) -> None:
     rows = np.arange(60.0)
     path = write_csv(tmp_path / "log.csv", {"t": rows, "q": rows, "u": np.where(rows % 2, 65535.0, 3.0)})

@@ -7,8 +7,9 @@ import pytest
 
 from norton_bench.errors import UsageError
 from norton_bench.logs.column_map import ColumnMap, parse_map
+from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.propose import propose, write_proposal
-from tests.bench.logs.machines import Columns, Machine, write_csv
+from tests.bench.logs.machines import Columns, Machine, estimate, write_csv
 
 LOG = Machine(duration_s=6.0, rate_hz=200.0).log()
 
@@ -73,3 +74,17 @@ def test_a_proposal_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="is there already"):
         write_proposal(log, None)
     assert path.read_text() == "mended"
+
+
+def test_the_log_of_the_five_minutes_gives_the_values_that_the_docs_show() -> None:
+    root = Path(__file__).parents[3]
+    path, docs = root / "examples" / "logs" / "joint.csv", (root / "docs" / "logs.md").read_text()
+    text, said = propose(path)
+    shown = text.partition("[log]")[2]
+    assert f"[log]{shown}" in docs
+    assert any("sign of the command" in each for each in said)
+    fit = fit_logs(Request((path,), parse_map(f'{text}torque_gain = "0.8 N*m/A"\n', place="proposed"), test="10: s"))
+    assert fit.model == "coulomb-viscous"
+    for name, true in (("inertia", 0.02), ("viscous_damping", 0.15), ("coulomb_torque", 0.1)):
+        assert estimate(fit, name).value == pytest.approx(true, rel=0.01)
+        assert f"| {estimate(fit, name).value:.5g} |" in docs
