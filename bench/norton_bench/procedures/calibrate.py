@@ -33,6 +33,8 @@ SPEED_SHARE = 0.4
 # The load may push so many times harder than the actuator, as a share of what either needed to set the shaft in motion:
 # beyond that hardly anything of the port torque is the actuator's own, and the load's part cannot be told from it.
 STRONGER = 3.0
+# A piece ends early at this share of the velocity limit: what friction held back in one may run away in the next.
+TOO_FAST = 0.7
 BACK_OFF = 0.3
 GREATEST_STEP = 1.5
 # Of a fit that did not converge: deviations, relative, that the controller's margins (`design.miscalibrated`)
@@ -73,7 +75,16 @@ class CalibrateProcedure:
         yield back(self.name, "rest", known.rig, measured, REST_S)
         for piece in range(self._pieces()):
             torque_nm, command = self._shake(known, PIECE_S, seed=13 + 2 * piece)
-            measured = yield pushed(self.name, "shake", Use.CALIBRATE, share * torque_nm, share * command)
+            measured = yield pushed(
+                self.name,
+                "shake",
+                Use.CALIBRATE,
+                share * torque_nm,
+                share * command,
+                stop_at_velocity_rad_s=TOO_FAST * known.rig.limits.velocity_rad_s,
+            )
+            if len(measured.ticks) < len(command):
+                yield back(self.name, "rest", known.rig, measured, REST_S)
             peak_rad_s = float(np.max(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
             share = min(share * float(np.clip(fast_rad_s / max(peak_rad_s, 1e-9), 0.5, GREATEST_STEP)), 1.0)
         yield coasting(self.name, "rest", Use.PREPARE, hold(0.0, REST_S, tick_s))

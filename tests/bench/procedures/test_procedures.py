@@ -299,3 +299,21 @@ def test_the_load_shakes_no_more_than_three_times_as_hard_as_the_actuator(
 ) -> None:
     tare = Tare(0.0, 1e-3, *moving)
     assert shaken_nm(command, tare) == pytest.approx(shaken_nm(command, None) * greatest_nm)
+
+
+def test_a_shake_that_breaks_loose_ends_below_the_velocity_limit() -> None:
+    """Half as strong again as one that friction held back; the next one is weaker, and begins at rest."""
+    known = Knowledge(RIG, tare=Tare(torque_bias_nm=0.0, torque_noise_nm=1e-3))
+    plan = CalibrateProcedure().plan(known)
+    next(plan)
+    search = Measured(ticks=np.zeros(2000, TICK))
+    plan.send(search)
+    shake = plan.send(Measured(ticks=np.zeros(400, TICK)))
+    limit_rad_s = RIG.limits.velocity_rad_s
+    assert (shake.name, shake.stop_at_velocity_rad_s) == ("shake", pytest.approx(0.7 * limit_rad_s))
+    fast = np.zeros(1000, TICK)
+    fast["velocity_rad_s"] = np.linspace(0.0, 0.72 * limit_rad_s, 1000)
+    assert plan.send(Measured(ticks=fast)).name == "rest"
+    weaker = plan.send(Measured(ticks=np.zeros(400, TICK)))
+    assert weaker.name == "shake"
+    assert 0.5 < np.std(weaker.load_torque_nm) / np.std(shake.load_torque_nm) < 0.65
