@@ -375,6 +375,13 @@ def shortened(step: FloatArray, longest: FloatArray = LONGEST_STEP) -> Iterator[
             yield share * direction
 
 
+def _inside(step: FloatArray, place: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """As much of a step from ``place`` as stays in the box; all (unknowns,)."""
+    room = np.where(step > 0.0, high - place, place - low)
+    shares = np.divide(room, np.abs(step), out=np.ones_like(step), where=np.abs(step) > room)
+    return np.asarray(step * np.min(shares))
+
+
 def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
     """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
 
@@ -395,6 +402,10 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
             # Of what is told so little that its step leads out of the box, the others shall not depend.
             step, squared_deviations = at.step_within(low, high, np.full(longest.size, np.inf))
             result = at.bettered(step, low, high, np.maximum(longest, high - low), None)
+            # A bandwidth and a delay that stand for each other must go together, as far as the box lets both.
+            result = result or at.bettered(
+                _inside(at.step()[0], at.shape.as_array(), low, high), low, high, longest, None
+            )
         if result is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or where nothing tells.
             settled = abs(squared_deviations) < NO_STEP_BETTER

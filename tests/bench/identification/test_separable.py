@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from norton_bench.identification.separable import LONGEST_STEP, _At, limits
-from norton_bench.identification.shape import MOTION_DELAY
-from tests.bench.identification.synthetic import TICK_S
+from norton_bench.identification.fit import solution_of
+from norton_bench.identification.separable import BANDWIDTH_RAD_S, LONGEST_STEP, _At, _inside, limits
+from norton_bench.identification.shape import GAIN, MOTION_DELAY
+from norton_bench.identification.signals import signals
+from norton_bench.segments import Use
+from tests.bench.identification.synthetic import TICK_S, Bench, Truth, experiment
 
 OFF_S = 2e-4
 
@@ -28,3 +31,22 @@ def test_a_step_leads_down_also_where_more_is_taken_off_for_errors_than_there_is
     better = at.bettered(step, *limits(TICK_S), LONGEST_STEP, None)
     assert better is not None
     assert better.cost < at.cost
+
+
+def test_a_bandwidth_that_is_hardly_told_is_followed_to_the_side_of_the_box_with_its_delay() -> None:
+    """In the noise of this record a lag of nothing is likelier than the true one: the search must end there, at its
+    side, with the delay that then stands for all of it."""
+    truth = Truth(amplifier_bandwidth=1500.0, viscous_damping=2e-3, coulomb_torque=0.05, presliding_stiffness=8.0)
+    measured = experiment(seed=3, truth=truth, bench=Bench(noise_nm=2.8e-3, cogging_nm=0.0, stiffness=900.0))
+    solution = solution_of(signals(measured, TICK_S, Use.IDENTIFY))
+    assert solution.converged
+    assert solution.shape.bandwidth_rad_s == pytest.approx(BANDWIDTH_RAD_S[1])
+    assert solution.linear[GAIN] == pytest.approx(truth.torque_gain, rel=0.01)
+
+
+def test_a_step_is_shortened_until_it_stays_in_the_box() -> None:
+    low, high = np.zeros(3), np.ones(3)
+    place = np.array([0.9, 0.5, 0.5])
+    assert _inside(np.array([0.4, -0.2, 0.0]), place, low, high) == pytest.approx([0.1, -0.05, 0.0])
+    assert _inside(np.array([0.05, -0.2, 0.1]), place, low, high) == pytest.approx([0.05, -0.2, 0.1])
+    assert _inside(np.array([0.4, 0.2, 0.1]), np.array([1.0, 0.5, 0.5]), low, high) == pytest.approx([0.0, 0.0, 0.0])
