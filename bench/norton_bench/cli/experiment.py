@@ -32,7 +32,7 @@ DryRun = Annotated[bool, Parameter(help="Check every step and limit, and print t
 Live = Annotated[
     bool,
     Parameter(
-        negative="--no-live", show_default=False, help="Identify while it runs; without, a simulation takes half."
+        negative="--no-live", show_default=False, help="Identify while it runs, which doubles the time of a simulation."
     ),
 ]
 JUnit = Annotated[Path | None, Parameter(name="--junit", help="Also write a JUnit report to this file.")]

@@ -14,7 +14,7 @@ from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.identification.expansion import Expansion, Sums
 from norton_bench.identification.residual_tests import chance_of_sum
 from norton_bench.identification.sanity_checks import SPLITS
-from norton_bench.identification.separable import SLOW_SHARES
+from norton_bench.identification.search_box import SLOW_SHARES
 from norton_bench.identification.shape import GAIN, INERTIA
 from norton_bench.identification.statistics import LEAST_GAIN
 

@@ -34,7 +34,8 @@ from norton_bench.identification.sanity_checks import (
     status_of,
     why_no_scale,
 )
-from norton_bench.identification.separable import Solution, limits, solve, solve_with_terms
+from norton_bench.identification.search_box import limits
+from norton_bench.identification.separable import Solution, solve, solve_with_terms
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import Coupling

@@ -13,18 +13,14 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification import separable
 from norton_bench.identification.joint_regression import STEP, JointModel, JointRegression
 from norton_bench.identification.regression import Memory, Regression
+from norton_bench.identification.search_box import LONGEST_STEP, STEP_SHARES, limits, span_of, velocity_starts
 from norton_bench.identification.separable import (
     CONVERGED_STEP,
     LITTLE_GAINED,
-    LONGEST_STEP,
     MOST_COGGINGS,
     NOTHING_GAINED,
     ROUGH_STEP,
-    STEP_SHARES,
     Solution,
-    limits,
-    span_of,
-    velocity_starts,
 )
 from norton_bench.identification.shape import INERTIA, LINEAR, Shape
 from norton_bench.identification.signals import FINE, Signals

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.separable import DELAY_TICKS, Solution, linear_solution
+from norton_bench.identification.search_box import DELAY_TICKS
+from norton_bench.identification.separable import Solution, linear_solution
 from norton_bench.identification.shape import COULOMB, GAIN, INERTIA, LINEAR, VISCOUS
 from norton_bench.models.parameters import Status
 

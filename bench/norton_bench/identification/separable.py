@@ -3,7 +3,7 @@
 No initial guess: a scan over the friction's shape, then Gauss-Newton from several amplifier bandwidths in a low band,
 in which delays are harmless, then in the full band."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -15,22 +15,19 @@ from norton_bench.identification.bands import told, worthwhile_band
 from norton_bench.identification.fed_back import SharedErrors
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.regression import Memory, Regression
+from norton_bench.identification.search_box import LONGEST_STEP, box, inside, of_terms_too, shortened, velocity_starts
 from norton_bench.identification.shape import BANDWIDTH, COULOMB, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import strongest_period
-from norton_bench.models.terms import NetworkTerm, TermParameter, parameters_of
+from norton_bench.models.terms import NetworkTerm
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
 LOW_BAND = Kernel(cutoff=0.05, half_width=24.0)
 LOW_STRIDE = 5
 
-BANDWIDTH_RAD_S = (20.0, 6000.0)
-S_PER_RAD = (5.0, 5e4)
-DELAY_TICKS = 8.0
 SCAN_S = np.geomspace(20.0, 10_000.0, 10)
 START_BANDWIDTHS = (150.0, 500.0, 1500.0)
 
-LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 # Of each parameter: relative for the first two, seconds for the delays.
 CONVERGED_STEP = np.array([1e-4, 1e-4, 1e-7, 1e-7])
 # Enough to go on from: the low band finds where to begin in the full one, and that what else there is.
@@ -44,11 +41,6 @@ NOTHING_GAINED = 2e-3
 LITTLE_GAINED = 4e-2
 # Half of one, where no step is better: a direction that is told so badly is no reason to call nothing known.
 NO_STEP_BETTER = 0.25
-STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
-# Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
-SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
-# What is searched: a narrower fall of friction lies within a reading, a wider one looks like less damping.
-STRIBECK_VELOCITIES = (1e-3, 3.0)
 
 
 @dataclass(frozen=True)
@@ -133,51 +125,6 @@ def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: floa
         rough.shape, float(rough.linear[COULOMB]), rough.residual
     )
     return _with_cogging(_iterate(counted, rough.shape, within=CONVERGED_STEP), within=CONVERGED_STEP)
-
-
-def velocity_starts(regression: Regression, shape: Shape) -> Iterator[Shape]:
-    """One for each of some velocities where a term has a Stribeck velocity, as shares of the rms velocity."""
-    places = [place for place, one in enumerate(parameters_of(shape.terms), MOTION_DELAY + 1) if _is_velocity(one)]
-    if not places:
-        yield shape
-        return
-    for share in SLOW_SHARES:
-        at = shape.as_array()
-        at[places] = np.log(share * regression.rms_velocity)
-        yield shape.at(at)
-
-
-def _is_velocity(parameter: TermParameter) -> bool:
-    """Whether it is a Stribeck velocity; a joint's stiffness is logarithmic, too."""
-    return parameter.logarithmic and parameter.unit == "rad/s"
-
-
-def _box(regression: Regression, shape: Shape) -> tuple[FloatArray, FloatArray]:
-    """The box searched, terms included."""
-    low, high = limits(regression.rows[0].signals.tick_s)
-    spans = [span_of(regression, each) for each in parameters_of(shape.terms)]
-    return np.array([*low, *(span[0] for span in spans)]), np.array([*high, *(span[1] for span in spans)])
-
-
-def span_of(regression: Regression, parameter: TermParameter) -> tuple[float, float]:
-    """Between which values one parameter of a term that is no joint is searched; logarithms where it is logarithmic."""
-    if not _is_velocity(parameter):
-        return parameter.low, parameter.high
-    low, high = (float(np.log(share * regression.rms_velocity)) for share in STRIBECK_VELOCITIES)
-    return low, high
-
-
-def _of_terms_too(steps: FloatArray, regression: Regression) -> FloatArray:
-    """Of a length such as CONVERGED_STEP, with the terms' parameters: as long as log β's, on their own scales."""
-    return np.concatenate([steps, steps[0] * regression.scales])
-
-
-def limits(tick_s: float) -> tuple[FloatArray, FloatArray]:
-    """The box searched: (log β, log s, d_c, d_m)."""
-    delay_s = DELAY_TICKS * tick_s
-    low = np.array([np.log(BANDWIDTH_RAD_S[0]), np.log(S_PER_RAD[0]), -delay_s, -delay_s])
-    high = np.array([np.log(BANDWIDTH_RAD_S[1]), np.log(S_PER_RAD[1]), delay_s, delay_s])
-    return low, high
 
 
 def linear_solution(columns: FloatArray, target: FloatArray) -> FloatArray:
@@ -365,31 +312,14 @@ def _iterated(at: _At, *, within: FloatArray) -> Solution:
     return at.solution(converged=converged)
 
 
-def shortened(step: FloatArray, longest: FloatArray = LONGEST_STEP) -> Iterator[FloatArray]:
-    """Each unknown held to its longest step; and, where that leads nowhere, all of them in the step's own direction:
-    a lag and a delay that stand for each other must be moved together."""
-    clipped = np.clip(step, -longest, longest)
-    straight = step / max(1.0, float(np.max(np.abs(step) / longest)))
-    for direction in (clipped, straight):
-        for share in STEP_SHARES:
-            yield share * direction
-
-
-def _inside(step: FloatArray, place: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """As much of a step from ``place`` as stays in the box; all (unknowns,)."""
-    room = np.where(step > 0.0, high - place, place - low)
-    shares = np.divide(room, np.abs(step), out=np.ones_like(step), where=np.abs(step) > room)
-    return np.asarray(step * np.min(shares))
-
-
 def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool]:
     """Gauss-Newton on the projected problem with step halving, inside the box, until a step is ``within`` that.
 
     Returns where it ended and whether it converged.
     """
     regression = at.regression
-    low, high = _box(regression, at.shape)
-    within, longest = (_of_terms_too(each, regression) for each in (within, LONGEST_STEP))
+    low, high = box(regression, at.shape)
+    within, longest = (of_terms_too(each, regression) for each in (within, LONGEST_STEP))
     for _ in range(most_steps):
         step, squared_deviations = at.step_within(low, high, longest)
         # What the data hardly tell, such as a bandwidth far above theirs, may wander on for ever.
@@ -404,7 +334,7 @@ def _descend(at: _At, *, most_steps: int, within: FloatArray) -> tuple[_At, bool
             result = at.bettered(step, low, high, np.maximum(longest, high - low), None)
             # A bandwidth and a delay that stand for each other must go together, as far as the box lets both.
             result = result or at.bettered(
-                _inside(at.step()[0], at.shape.as_array(), low, high), low, high, longest, None
+                inside(at.step()[0], at.shape.as_array(), low, high), low, high, longest, None
             )
         if result is None:
             # Gauss-Newton cannot improve: at the minimum to within rounding, or where nothing tells.

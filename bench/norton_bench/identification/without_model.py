@@ -14,7 +14,8 @@ from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult, Trace, trace
 from norton_bench.identification.rows import Aligned, align, usable_of
-from norton_bench.identification.separable import S_PER_RAD, linear_solution
+from norton_bench.identification.search_box import S_PER_RAD
+from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.signals import Signals
 from norton_bench.records import SegmentInfo
 

@@ -87,7 +87,7 @@ def run_session(
 
     ``on_event`` is called with every event; the last one is ``Ended``, however the session ends. ``answers`` are given
     to its prompts. ``resume`` is a recording, or the folder of one: the session goes on after its last finished step.
-    Without ``live`` nothing is identified before the end: a simulated session then takes two thirds of the time. What
+    Without ``live`` nothing is identified before the end: a simulated session then takes half of the time. What
     zero torque foresees then comes from the calibration alone, and no sentence says which parameter moved meanwhile.
     Raises as :func:`record_session` does, and ExperimentError for data that cannot be fitted.
     """

@@ -12,12 +12,11 @@ from norton_bench.identification.bands import NARROWEST_CUTOFF, told, worthwhile
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.rows import Rows
+from norton_bench.identification.search_box import LONGEST_STEP, shortened
 from norton_bench.identification.separable import (
-    LONGEST_STEP,
     LOW_BAND,
     _At,  # a step of the search,
     normal_solution,
-    shortened,
     solve,
 )
 from norton_bench.identification.shape import INERTIA, VISCOUS, Shape

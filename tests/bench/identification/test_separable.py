@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.fit import solution_of
-from norton_bench.identification.separable import BANDWIDTH_RAD_S, LONGEST_STEP, _At, _inside, limits
+from norton_bench.identification.search_box import BANDWIDTH_RAD_S, LONGEST_STEP, inside, limits
+from norton_bench.identification.separable import _At
 from norton_bench.identification.shape import GAIN, MOTION_DELAY
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
@@ -47,6 +48,6 @@ def test_a_bandwidth_that_is_hardly_told_is_followed_to_the_side_of_the_box_with
 def test_a_step_is_shortened_until_it_stays_in_the_box() -> None:
     low, high = np.zeros(3), np.ones(3)
     place = np.array([0.9, 0.5, 0.5])
-    assert _inside(np.array([0.4, -0.2, 0.0]), place, low, high) == pytest.approx([0.1, -0.05, 0.0])
-    assert _inside(np.array([0.05, -0.2, 0.1]), place, low, high) == pytest.approx([0.05, -0.2, 0.1])
-    assert _inside(np.array([0.4, 0.2, 0.1]), np.array([1.0, 0.5, 0.5]), low, high) == pytest.approx([0.0, 0.0, 0.0])
+    assert inside(np.array([0.4, -0.2, 0.0]), place, low, high) == pytest.approx([0.1, -0.05, 0.0])
+    assert inside(np.array([0.05, -0.2, 0.1]), place, low, high) == pytest.approx([0.05, -0.2, 0.1])
+    assert inside(np.array([0.4, 0.2, 0.1]), np.array([1.0, 0.5, 0.5]), low, high) == pytest.approx([0.0, 0.0, 0.0])
