@@ -9,10 +9,12 @@ from norton_bench.identification.regression import Regression
 from norton_bench.identification.shape import MOTION_DELAY, Shape
 from norton_bench.models.terms import TermParameter, parameters_of
 
+# Sides of the box.
 BANDWIDTH_RAD_S = (20.0, 6000.0)
 S_PER_RAD = (5.0, 5e4)
 DELAY_TICKS = 8.0
 
+# Of (log β, log s, d_c, d_m); a step that is not better is tried again with these shares of it.
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 # Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
