@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
-from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import nominal_period_s, resolution_rad
-from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
     Signals,
+    Span,
     TimeSeries,
     instants,
     positions_late_s,
@@ -31,12 +31,12 @@ from norton_bench.identification.signals import (
     stream_of,
 )
 from norton_bench.identification.simulated_bench import (
-    Coupling,
+    NO_ERRORS,
+    Driving,
     ReadingErrors,
     SimulatedStretch,
-    Spectrum,
+    even_grid,
     inertia_of,
-    likeliest,
 )
 from norton_bench.identification.statistics import LOOSE_BEYOND, NORMAL_95
 from norton_bench.records import Measured, Table
@@ -52,13 +52,17 @@ DRAWS = 12
 
 @dataclass(frozen=True)
 class Readings:
-    """What a fit's signals were made of, and how many such records are to be simulated."""
+    """What a fit's signals were made of, and how many such records are to be simulated.
+
+    ``ringing_nm`` (n,) was taken off the torque readings already (``ringing``), those that Simulation has.
+    """
 
     measured: Measured
     tick_s: float
     use: Use
     draws: int = DRAWS
     coupling: Coupling | None = None  # where it is known
+    ringing_nm: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -121,66 +125,6 @@ def _solutions(bench: "Simulation") -> Iterator[Solution]:
 
 
 @dataclass(frozen=True)
-class Ringing:
-    """Of the coupling, as it was read in stretches of the record; ``driving`` is what makes it ring, one a stretch of
-    the simulation."""
-
-    simulation: "Simulation"
-    stretches: tuple[Signals, ...]
-    driving: tuple[Spectrum, ...]
-
-    @classmethod
-    def of(cls, simulation: "Simulation", coupling: Coupling, stretches: tuple[Signals, ...]) -> "Ringing":
-        uneven_s = float(np.std(simulation.travel_s))
-        driving = tuple(truth.driving(simulation.solution, coupling, uneven_s) for truth in simulation.truths)
-        return cls(simulation, stretches, driving)
-
-    def read(self, spring: Coupling, band: Kernel) -> FloatArray:
-        """Of each sample in ``band``, what of its torque is the ringing of ``spring``, (samples,)."""
-        read = {
-            truth.stretch.time_s[0]: self._of_truth(truth, driving, spring)
-            for truth, driving in zip(self.simulation.truths, self.driving, strict=True)
-        }
-        # One span of time may be read twice, once for the fit and once for validation.
-        rung = [replace(each, torque_nm=read[each.time_s[0]].at(each.time_s)) for each in self.stretches]
-        return Regression.of(tuple(rung), band).target()
-
-    def _of_truth(self, truth: SimulatedStretch, driving: Spectrum, spring: Coupling) -> TimeSeries:
-        torque = self.simulation.torque
-        rung = replace(torque, value=truth.ringing(driving, self.simulation.solution, spring)(torque.time_s))
-        rung.value[(torque.time_s < truth.time_s[0]) | (torque.time_s > truth.time_s[-1])] = 0.0
-        return rung
-
-
-@dataclass(frozen=True)
-class RingingEvidence:
-    """What readings show of the coupling's ringing, beside what the model's unknowns could make of it.
-
-    ``left`` (samples,) is what the fit left, ``unknowns`` (samples, k) an orthonormal base of its columns, both as
-    least squares saw them.
-    """
-
-    ringing: Ringing
-    left: FloatArray
-    unknowns: FloatArray
-
-    @classmethod
-    def of(cls, simulation: "Simulation", coupling: Coupling) -> "RingingEvidence":
-        solution = simulation.solution
-        unknowns = np.linalg.qr(solution.jacobian)[0]
-        left = solution.innovation - unknowns @ (unknowns.T @ solution.innovation)
-        return cls(Ringing.of(simulation, coupling, simulation.stretches), left, unknowns)
-
-    def gain(self, spring: Coupling) -> float:
-        """The logarithm of how much likelier the readings are with this ringing than with none: rows that are alike
-        count as one, and the variance of what is left is the likeliest."""
-        regression = self.ringing.simulation.solution.regression
-        rung = regression.white(self.ringing.read(spring, regression.rows[0].kernel)[None, :])[0]
-        rest = self.left - (rung - self.unknowns @ (self.unknowns.T @ rung))
-        return float(-0.5 * self.left.size / regression.alike * np.log((rest @ rest) / (self.left @ self.left)))
-
-
-@dataclass(frozen=True)
 class Simulation:
     """The bench as it was measured, with the fit for its actuator."""
 
@@ -198,13 +142,19 @@ class Simulation:
 
     @classmethod
     def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
+        """With the errors of its own readings."""
+        return cls.without_errors(readings, stretches, solution)._with_errors(stretches[0].count_rad)
+
+    @classmethod
+    def without_errors(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
+        """With perfect readings, at the instants at which they were read."""
         measured, origin_ns = readings.measured, stretches[0].origin_ns
         valid = measured.torque[measured.torque["valid"]]
         motion_rows = measured.motion[instants(measured.motion, origin_ns)[1]]
         torque_rows = valid[instants(valid, origin_ns)[1]]
         position, late_s = positions_of(motion_rows, origin_ns), positions_late_s(motion_rows, origin_ns)
         torque = stream_of(torque_rows, "torque_nm", origin_ns)
-        bench = cls(
+        return cls(
             readings,
             solution,
             tuple(SimulatedStretch.of(stretch, solution) for stretch in stretches),
@@ -212,32 +162,23 @@ class Simulation:
             torque_rows,
             position,
             torque,
-            ReadingErrors.of(position, stretches[0].count_rad),
-            ReadingErrors.of(torque, resolution_rad(torque.value)),
+            NO_ERRORS,
+            NO_ERRORS,
             late_s,
             _one_way_s(_travel_s(measured.motion), late_s),
         )
-        return bench._with_spring_heard()._without_signal_in_noise()
 
-    def _with_spring_heard(self) -> "Simulation":
-        """The same with the coupling's spring as the readings that were fitted tell it, too."""
-        coupling, inertia_kgm2 = self.readings.coupling, inertia_of(self.solution)
-        # Slower ringing is read as it is: nothing of it is folded.
-        if coupling is None or coupling.resonance_hz(inertia_kgm2) < 0.5 / self.torque.period_s:
-            return self
-        spring = likeliest(coupling, inertia_kgm2, RingingEvidence.of(self, coupling).gain)
-        return replace(self, readings=replace(self.readings, coupling=spring))
-
-    def _without_signal_in_noise(self) -> "Simulation":
-        """The same without what looks like the torque sensor's errors and is torque: commands that act between two
+    def _with_errors(self, count_rad: float) -> "Simulation":
+        """As measured, without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
-        seen = self.torque_errors
-        even = replace(self, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
+        seen = ReadingErrors.of(self.torque, resolution_rad(self.torque.value))
+        bench = replace(self, position_errors=ReadingErrors.of(self.position, count_rad))
+        even = replace(bench, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
         values = np.asarray(even.torque["torque_nm"], dtype=np.float64)
         shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
         noise_nm = float(np.sqrt(max(2.0 * seen.noise**2 - shown.noise**2, 0.0)))
         jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
-        return replace(self, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s))
+        return replace(bench, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s))
 
     @property
     def stretches(self) -> tuple[Signals, ...]:
@@ -261,12 +202,14 @@ class Simulation:
         torque_nm, seen_at_all = self.torque.value.copy(), np.zeros(self.torque.value.size, dtype=bool)
         coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
-            seen = _within(self.torque.time_s, truth.stretch.time_s)
+            seen = self.seen(truth)
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
             seen_at_all[seen] = True
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
         position_rad = self.position_errors.drawn(position_rad, velocity_rad_s, random)
         drawn_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
+        if self.readings.ringing_nm is not None:
+            drawn_nm = drawn_nm - self.readings.ringing_nm
         torque_nm = np.where(seen_at_all, drawn_nm, torque_nm)  # what is not simulated has its errors already
         return replace(
             self.readings.measured,
@@ -290,8 +233,30 @@ class Simulation:
     ) -> FloatArray:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:
-            time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
-        return np.asarray(truth.torque(self.solution, travel_s, coupling)(time_s))
+            time_s = np.sort(time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size))
+        torque_nm = np.asarray(truth.torque(self.solution, travel_s)(time_s))
+        if coupling is None:
+            return torque_nm
+        return torque_nm + self.driving(truth, coupling, travel_s).rung_at(time_s, coupling)
+
+    def driving(self, truth: SimulatedStretch, coupling: Coupling, travel_s: FloatArray | None = None) -> Driving:
+        """What makes the coupling ring in one stretch; on average, where ``travel_s`` (commands,) is not told."""
+        begin_s, end_s = truth.time_s[0], truth.time_s[-1]
+        return self.driving_within((begin_s, end_s), truth, coupling, travel_s)
+
+    def driving_within(
+        self, span_s: Span, truth: SimulatedStretch, coupling: Coupling, travel_s: FloatArray | None = None
+    ) -> Driving:
+        """The same in a part of it."""
+        at_s = even_grid(*span_s, truth.stretch.tick_s, coupling.resonance_hz(inertia_of(self.solution)))
+        if travel_s is not None:
+            return Driving.of(truth, self.solution, coupling, travel_s, at_s)
+        usual_s = np.zeros(truth.stretch.sent_s.size)
+        return Driving.of(truth, self.solution, coupling, usual_s, at_s).blurred(float(np.std(self.travel_s)))
+
+    def seen(self, truth: SimulatedStretch) -> npt.NDArray[np.int64]:
+        """Which torque readings lie in a stretch."""
+        return _within(self.torque.time_s, truth.stretch.time_s)
 
 
 def _travel_s(table: Table) -> FloatArray:

@@ -13,6 +13,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.results import (
@@ -24,6 +25,7 @@ from norton_bench.identification.results import (
     trace,
     verdict,
 )
+from norton_bench.identification.ringing import remark_on, without_ringing
 from norton_bench.identification.sanity_checks import (
     LEAST_EVIDENCE,
     FailedCheck,
@@ -38,7 +40,7 @@ from norton_bench.identification.search_box import limits
 from norton_bench.identification.separable import Solution, solve, solve_with_terms
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.signals import Port, Signals, signals
-from norton_bench.identification.simulated_bench import Coupling
+from norton_bench.identification.simulated_bench import inertia_of
 from norton_bench.identification.statistics import LOOSE_BEYOND, sandwich, with_lag_as_told
 from norton_bench.identification.term_estimates import amplitude, terms_found, terms_in_torque, waves_found
 from norton_bench.identification.torque_limit import torque_limit
@@ -103,6 +105,8 @@ def fit_signals(
     """
     solution = solution_of(stretches, port=port, findings=findings, cogging=cogging, both_driven=both_driven)
     readings = None if findings.doubts else readings
+    if readings is not None:
+        readings, stretches, solution = without_ringing(readings, stretches, solution)
     return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=readings)
 
 
@@ -260,7 +264,12 @@ def result_of(
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
         ground=None if readings is None else Ground(stretches, solution, readings),
-        verdict=(*(each.sentence for each in failed), *terms.verdict(solution, values, covariance), *findings.remarks),
+        verdict=(
+            *(each.sentence for each in failed),
+            *terms.verdict(solution, values, covariance),
+            *findings.remarks,
+            *(() if readings is None else remark_on(readings, inertia_of(solution))),
+        ),
         failed_checks=failed,
     )
 

@@ -16,6 +16,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import Cleaned
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import bias_of, names_of, physical, result_of, solution_of, solution_with
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
@@ -25,7 +26,6 @@ from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, VISCOUS
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import TERM_BY_NAME, TERMS, Factor, NetworkTerm

@@ -12,6 +12,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.readings import resolution_rad
@@ -22,7 +23,6 @@ from norton_bench.identification.sanity_checks import LEFT_BY_A_GOOD_FIT
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import Port, Signals, sent_at_s, signals
-from norton_bench.identification.simulated_bench import Coupling
 from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured
 from norton_bench.segments import Use

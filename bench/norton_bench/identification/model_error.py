@@ -11,7 +11,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.bootstrap import Ringing, Simulation
+from norton_bench.identification.bootstrap import Simulation
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import (
     CHANGE,
     Candidate,
@@ -25,8 +26,9 @@ from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.prediction_error import mean_squares
 from norton_bench.identification.results import FitResult
+from norton_bench.identification.ringing import Ringing
 from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.simulated_bench import Coupling, inertia_of
+from norton_bench.identification.simulated_bench import inertia_of
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status

@@ -9,11 +9,11 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import clean
+from norton_bench.identification.coupling import least_damping_nms_rad
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Port, signals
-from norton_bench.identification.simulated_bench import least_damping_nms_rad
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions

@@ -6,11 +6,14 @@ Plans are made smaller until they keep to every limit of the rig, by what has be
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.design import design_tracking, nominal_bench
+from norton_bench.control.robustness import swing_response, tracking_control
 from norton_bench.identification.expansion import Excitation
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import first_inertia_kgm2
@@ -39,10 +42,8 @@ HIGHEST_MOTION_HZ = 60.0
 TORQUE_SHARE = 0.4
 CHANGE_S = 0.15
 DWELL_S = 0.35
-# The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
-# sensor between them lets the actuator's swing by so much more.
-HELD_TO_HZ = 10.0
-SPRING = 1.5
+# At which the response of a held shaft to its command is computed, in rad per tick.
+SWING_FREQUENCIES = np.geomspace(1e-4, np.pi, 400)
 # Each try is smaller by this factor; an excitation that never fits is left out.
 CANDIDATE_SHRINKS = 0.8
 MOST_TRIES = 40
@@ -87,14 +88,34 @@ class PlanBounds:
 
     def swing_rad_s(self, command: FloatArray, motion: Motion) -> FloatArray:
         """The velocity that the command gives to the shaft although the load holds it, shape (ticks,): a velocity
-        commanded gives none where the shaft has it."""
+        commanded gives none where the shaft has it.
+
+        Of the linear bench under the controller of prescribed motion: friction contacts, which would hold the shaft
+        back, are left out.
+        """
         servo = self.network.servo
         if servo is not None and not servo.holds_position:
             command = command - motion.velocity_rad_s
-        hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
-        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
-        inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
-        return _lagged(motor_nm, hold_rad_s, tick_s) / (inertia_kgm2 * hold_rad_s)
+        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, self.rig.tick_s)
+        size = 2 * command.size  # the second half at rest: what is periodic here does not return to the beginning
+        rad_per_tick = 2 * np.pi * np.fft.rfftfreq(size)
+        response = np.interp(rad_per_tick, SWING_FREQUENCIES, self._swing_response)
+        swing = np.fft.irfft(response * np.fft.rfft(motor_nm / self.network.inertia_kgm2, size), size)
+        return np.asarray(swing[: command.size])
+
+    @cached_property
+    def _swing_response(self) -> ComplexArray:
+        """At SWING_FREQUENCIES."""
+        network, load, tick_s = self.network, self.load, self.rig.tick_s
+        tracking = design_tracking(load, tick_s)
+        bench = replace(
+            nominal_bench(load, tick_s),
+            actuator_inertia_kgm2=network.inertia_kgm2,
+            actuator_damper_nms_rad=network.viscous_damping_nms_rad,
+            load_damper_nms_rad=load.viscous_damping_nms_rad,
+        )
+        control = tracking_control(tracking.observer, tracking.regulator)
+        return swing_response(bench, control, tick_s, SWING_FREQUENCIES)
 
     def excitation(self, candidate: Candidate) -> Excitation:
         """The expected motion with the candidate: the imposed one, and what the command adds."""
@@ -108,7 +129,7 @@ class PlanBounds:
         port_nm = self.network.torque(command, motion.position_rad, self.rig.tick_s)
         friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
         load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
-        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command, motion))
+        velocity_rad_s = np.abs(motion.velocity_rad_s) + np.abs(self.swing_rad_s(command, motion))
         moved = self._moved(command, motion, velocity_rad_s, port_nm)
         return _within((*moved, (load_nm, self.rig.limits.load_torque_nm)), share)
 

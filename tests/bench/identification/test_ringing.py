@@ -1,19 +1,24 @@
-"""Ringing between motor and load that readings fold down: it is named, and where there is none nothing is."""
+"""Ringing between motor and load that readings fold down: it is taken off and named; where there is none, nothing is."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
-from norton_bench.identification.bootstrap import Simulation
+from norton_bench.identification.bootstrap import Readings
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
+from norton_bench.identification.fit import physical, solution_of
 from norton_bench.identification.model_error import folded_ringing
+from norton_bench.identification.ringing import Prior, Ringing, remark_on, without_ringing
 from norton_bench.identification.separable import solve_again
-from norton_bench.identification.signals import signals
-from norton_bench.identification.simulated_bench import Coupling, likeliest
+from norton_bench.identification.signals import sent_at_s, signals
+from norton_bench.identification.simulated_bench import PORT
 from norton_bench.segments import Use
-from tests.bench.identification.synthetic import TICK_S, Truth
+from tests.bench.identification import synthetic
+from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 
 RESONANCE_HZ, LOAD_KGM2 = 1015.0, 1.2e-4
 MOBILITY = 1.0 / Truth().inertia + 1.0 / LOAD_KGM2
@@ -43,10 +48,7 @@ def shaken(experiment, result, spring):
     """The same readings of a torque that this spring has shaken."""
     bench = simulation(result, None)
     torque = experiment.torque.copy()
-    for truth in bench.truths:
-        own = (bench.torque.time_s >= truth.time_s[0]) & (bench.torque.time_s <= truth.time_s[-1])
-        driving = truth.driving(bench.solution, spring, 0.0)
-        torque["torque_nm"][own] += truth.ringing(driving, bench.solution, spring)(bench.torque.time_s[own])
+    torque["torque_nm"] += Ringing.of(bench, spring, bench.stretches).of_spring(spring)
     return replace(experiment, torque=torque)
 
 
@@ -90,30 +92,103 @@ def test_without_a_calibration_no_spring_is_known(result):
     assert ringing(result, None) == ()
 
 
+def heard_in(measured, result, spring):
+    """Readings, signals and solution without the ringing, where the calibration told this ``spring``."""
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    readings = replace(result.simulated.bench.readings, measured=measured, coupling=spring)
+    return without_ringing(readings, stretches, solve_again(stretches, result.simulated.bench.solution))
+
+
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.06)])
 def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment, result, off, ratio):
-    """Its damping could be anything, and its stiffness is known to 2 %."""
-    true = coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia)
+    """Its damping could be anything, its stiffness is known to 2 %, and the load is 150 µs later than was told."""
+    true = replace(coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia), load_late_s=1.5e-4)
     measured = shaken(experiment, result, true)
-    stretches = signals(measured, TICK_S, Use.IDENTIFY)
-    unsure = replace(coupling(), damping_std_nms_rad=1.0)
-    readings = replace(result.simulated.bench.readings, measured=measured, coupling=unsure)
-    told = Simulation.of(readings, stretches, solve_again(stretches, result.simulated.bench.solution)).readings.coupling
+    quiet, _, _ = heard_in(measured, result, coupling())
+    told = quiet.coupling
     assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=0.01)
     assert told.damping_nms_rad == pytest.approx(true.damping_nms_rad, rel=0.2)
     assert told.damping_std_nms_rad < 0.1 * told.damping_nms_rad
+    assert told.load_late_s == pytest.approx(1.5e-4, abs=2e-5)
+    # What was taken off is what was put in.
+    put_in = measured.torque["torque_nm"] - experiment.torque["torque_nm"]
+    left = quiet.measured.torque["torque_nm"] - experiment.torque["torque_nm"]
+    assert np.std(left) < 0.2 * np.std(put_in)
 
 
-def test_a_spring_that_nobody_hears_stays_as_it_was_calibrated():
-    calibrated = coupling()
-    assert likeliest(calibrated, Truth().inertia, lambda spring: 0.0) is calibrated
+def test_parameters_that_ringing_led_astray_come_back():
+    """A bench that is simulated in steps of 10 µs, whose spring rings at 1015 Hz; the calibration took it for a third
+    stiffer, and the load for 0.2 ms earlier than it is."""
+    stiffness = (2 * np.pi * RESONANCE_HZ) ** 2 / MOBILITY
+    bench = Bench(stiffness=stiffness, damping=0.01, noise_nm=3e-4)
+    measured = synthetic.experiment(3, bench=bench)
+    stretches = signals(measured, TICK_S, Use.IDENTIFY)
+    ticks = measured.ticks
+    load_delay_s = bench.serial_delay_s - 2e-4
+    calibrated = Coupling(
+        1.33 * stiffness, 0.3 * stiffness, 0.0, 0.01, LOAD_KGM2, 0.95, 1000.0, load_delay_s,
+        sent_at_s(ticks, int(ticks["tick_ns"][0])), np.ascontiguousarray(ticks["load_torque_nm"]),
+    )  # fmt: skip
+    readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=calibrated)
+    before = solution_of(stretches)
+    quiet, _, after = without_ringing(readings, stretches, before)
+    assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, rel=0.03)
+    (led_astray, _), (values, covariance) = physical(before), physical(after)
+    deviations = np.sqrt(np.diag(covariance))[:7]
+    true = Truth().array()
+    assert np.max(np.abs(led_astray[:7] - true) / deviations) > 8.0
+    assert np.max(np.abs(values[:7] - true) / deviations) < 4.0
+
+
+def test_a_bench_that_does_not_ring_stays_as_it_was_read(experiment, result):
+    quiet, stretches, _ = heard_in(experiment, result, coupling())
+    assert quiet.measured is experiment
+    assert quiet.ringing_nm is None
+    assert quiet.coupling is not None
+    assert stretches[0].torque_nm is not None
+    assert remark_on(quiet, Truth().inertia) == ()
+
+
+@pytest.mark.parametrize("spring", [None, coupling(400.0)], ids=["not calibrated", "slower than the readings"])
+def test_nothing_is_listened_for_where_nothing_can_be_folded(experiment, result, spring):
+    assert heard_in(experiment, result, spring)[0].measured is experiment
 
 
 def test_what_is_heard_is_weighed_against_the_calibration():
-    """Both normal: the mean of both, each by its variance, and the variances' inverses add."""
+    """The damping is believed where the calibration tells it better than joints do; else joints are."""
     told = replace(coupling(), damping_nms_rad=0.10, damping_std_nms_rad=0.02)
-    found = likeliest(told, Truth().inertia, lambda spring: -0.5 * ((spring.damping_nms_rad - 0.14) / 0.01) ** 2)
-    assert found.damping_nms_rad == pytest.approx(0.132, rel=0.01)
-    assert found.damping_std_nms_rad == pytest.approx(0.02 / np.sqrt(5.0), rel=0.05)
-    assert found.stiffness_nm_rad == pytest.approx(told.stiffness_nm_rad, rel=0.002)
-    assert found.stiffness_std_nm_rad == pytest.approx(told.stiffness_std_nm_rad, rel=0.05)
+    prior = Prior.of(told, Truth().inertia)
+    assert prior.centre is told
+    assert prior.std[:2] == pytest.approx([0.02, 0.2])
+    assert prior.cost(told.moved(np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.0]))) == pytest.approx(0.5)
+    untold = Prior.of(replace(told, damping_std_nms_rad=0.5), Truth().inertia)
+    assert untold.centre.damping_nms_rad == pytest.approx(told.damped(0.028, Truth().inertia).damping_nms_rad)
+
+
+def test_ringing_is_what_two_inertias_on_a_spring_do(result):
+    """Integrated exactly between the commands' steps, less what passes the port's low-pass."""
+    bench, spring = result.simulated.bench, coupling(1300.0).damped(0.03, Truth().inertia)
+    truth, inertia = bench.truths[0], abs(bench.solution.linear[1])
+    fine_s = TICK_S / 32
+    span_s = (truth.time_s[0] + 20.0, truth.time_s[0] + 21.0)
+    time_s = np.arange(span_s[0] - 0.2, span_s[1] + 0.2, fine_s)
+    driving = np.zeros(time_s.size)
+    shape, stretch = bench.solution.shape, truth.stretch
+    for acts_s, command, bandwidth, gain in (
+        (stretch.sent_s + shape.command_delay_s, stretch.command, shape.bandwidth_rad_s, bench.solution.linear[0] / inertia),
+        (spring.sent_s, spring.command_nm, 1000.0, -1.0 / LOAD_KGM2),
+    ):  # fmt: skip
+        held = command[np.clip(np.searchsorted(acts_s, time_s, side="right") - 1, 0, None)]
+        driving += gain * signal.lfilter([1 - np.exp(-bandwidth * fine_s)], [1, -np.exp(-bandwidth * fine_s)], held)
+    mobility = 1 / inertia + 1 / LOAD_KGM2
+    system = signal.StateSpace(
+        [[0.0, 1.0], [-spring.stiffness_nm_rad * mobility, -spring.damping_nms_rad * mobility]],
+        [[0.0], [1.0]], [[spring.stiffness_nm_rad, spring.damping_nms_rad]], [[0.0]],
+    )  # fmt: skip
+    torque = signal.lsim(system, driving, time_s - time_s[0])[1]
+    offsets = np.arange(-24 * 32, 24 * 32 + 1) / 32
+    slow = np.convolve(torque, PORT.taps(offsets, 0, exact_to=3), "same")
+    middle = (time_s > span_s[0] + 0.3) & (time_s < span_s[1] - 0.3)
+    expected = (torque - slow)[middle]
+    found = bench.driving_within(span_s, truth, spring, np.zeros(stretch.sent_s.size)).rung_at(time_s[middle], spring)
+    assert np.std(found - expected) < 0.03 * np.std(expected)

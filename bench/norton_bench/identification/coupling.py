@@ -1,0 +1,96 @@
+"""The spring between the two motors, as far as the torque sensor's readings feel it."""
+
+from dataclasses import dataclass, replace
+from math import exp, pi, sqrt
+
+import numpy as np
+import numpy.typing as npt
+
+from norton_bench.arrays import FloatArray
+
+# A stiff sensor twists too little for its damping to be seen; no bolted joint has less than this share of critical.
+LEAST_DAMPING_RATIO = 0.005
+# Of :meth:`Coupling.moved`.
+UNKNOWNS = 6
+
+
+def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
+    """Of a spring between two inertias; ``mobility_1_kgm2`` is the sum of their inverses."""
+    return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility_1_kgm2)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """What the calibration tells of it and of the load drive, whose delay is on the torque's clock.
+
+    Steps of the commands reach the sensor through it faster than its readings come, and sampling folds them down into
+    the band that is fitted. ``command_nm`` (m,) was sent to the load drive at ``sent_s`` (m,).
+
+    Once it was heard (``ringing``), either motor shakes it by so much ``louder``, and so much ``late_s``, than its
+    parameters say: they were told by slower torques. ``root`` (UNKNOWNS, UNKNOWNS) is then that of the covariance.
+    """
+
+    stiffness_nm_rad: float
+    stiffness_std_nm_rad: float
+    damping_nms_rad: float
+    damping_std_nms_rad: float
+    load_inertia_kgm2: float
+    load_gain: float
+    load_bandwidth_rad_s: float
+    load_delay_s: float
+    sent_s: FloatArray
+    command_nm: FloatArray
+    load_released_at_zero: bool = False  # as in records.Chain
+    motor_late_s: float = 0.0
+    load_late_s: float = 0.0
+    motor_louder: float = 1.0
+    load_louder: float = 1.0
+    root: FloatArray | None = None
+
+    def drawn(self, random: np.random.Generator) -> "Coupling":
+        """One of the springs that this may be: where its resonance lies near the rate of the readings, a little more or
+        less of either decides how much of the steps the readings fold down."""
+        if self.root is not None:
+            return self.moved(self.root @ random.standard_normal(UNKNOWNS))
+        stiffer = self.stiffer(random.standard_normal())
+        damping_nms_rad = self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal()
+        return replace(stiffer, damping_nms_rad=damping_nms_rad)
+
+    def moved(self, change: FloatArray) -> "Coupling":
+        """By ``change`` (UNKNOWNS,): of the logarithms of stiffness and damping, of both delays [s], of the logarithms
+        of both amplitudes."""
+        return replace(
+            self,
+            stiffness_nm_rad=self.stiffness_nm_rad * exp(change[0]),
+            damping_nms_rad=self.damping_nms_rad * exp(change[1]),
+            motor_late_s=self.motor_late_s + float(change[2]),
+            load_late_s=self.load_late_s + float(change[3]),
+            motor_louder=self.motor_louder * exp(change[4]),
+            load_louder=self.load_louder * exp(change[5]),
+        )
+
+    def stiffer(self, deviations: float) -> "Coupling":
+        """By so many deviations of the stiffness's logarithm."""
+        factor = float(np.exp(deviations * self.stiffness_std_nm_rad / self.stiffness_nm_rad))
+        return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * factor)
+
+    def mobility_1_kgm2(self, inertia_kgm2: float) -> float:
+        """Of both inertias, that of the actuator being ``inertia_kgm2``."""
+        return 1.0 / inertia_kgm2 + 1.0 / self.load_inertia_kgm2
+
+    def resonance_hz(self, inertia_kgm2: float) -> float:
+        """At which both inertias ring on the spring."""
+        return sqrt(self.stiffness_nm_rad * self.mobility_1_kgm2(inertia_kgm2)) / (2 * pi)
+
+    def damped(self, ratio: float, inertia_kgm2: float) -> "Coupling":
+        """The same spring with this share of critical damping."""
+        mobility = self.mobility_1_kgm2(inertia_kgm2)
+        return replace(self, damping_nms_rad=2 * ratio * sqrt(self.stiffness_nm_rad / mobility))
+
+    def response(self, frequency_hz: FloatArray, inertia_kgm2: float) -> npt.NDArray[np.complex128]:
+        """Torque of the spring over the difference of the accelerations that drive its ends [N m s²/rad], (n,)."""
+        mobility = self.mobility_1_kgm2(inertia_kgm2)
+        s = 2j * np.pi * frequency_hz
+        damping = max(self.damping_nms_rad, least_damping_nms_rad(self.stiffness_nm_rad, mobility))
+        spring = self.stiffness_nm_rad + damping * s
+        return np.asarray(spring / (s**2 + mobility * spring))
