@@ -1,4 +1,4 @@
-"""Ringing between motor and load that readings fold down: it is taken off and named; where there is none, nothing is."""
+"""Ringing between motor and load that readings fold down is taken off, or named; where there is none, nothing is."""
 
 from dataclasses import replace
 
@@ -104,9 +104,9 @@ def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment,
     """Its damping could be anything, its stiffness is known to 2 %, and the load is 150 µs later than was told."""
     true = replace(coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia), load_late_s=1.5e-4)
     measured = shaken(experiment, result, true)
-    quiet, _, _ = heard_in(measured, result, coupling())
+    quiet, _, _ = heard_in(measured, result, replace(coupling(), damping_std_nms_rad=1.0))
     told = quiet.coupling
-    assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=0.01)
+    assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=0.03)
     assert told.damping_nms_rad == pytest.approx(true.damping_nms_rad, rel=0.2)
     assert told.damping_std_nms_rad < 0.1 * told.damping_nms_rad
     assert told.load_late_s == pytest.approx(1.5e-4, abs=2e-5)
@@ -117,27 +117,29 @@ def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment,
 
 
 def test_parameters_that_ringing_led_astray_come_back():
-    """A bench that is simulated in steps of 10 µs, whose spring rings at 1015 Hz; the calibration took it for a third
-    stiffer, and the load for 0.2 ms earlier than it is."""
-    stiffness = (2 * np.pi * RESONANCE_HZ) ** 2 / MOBILITY
+    """A bench that is simulated in steps of 10 µs, whose spring rings at 1200 Hz; the calibration took it for a third
+    stiffer, and the load for a third of a millisecond quicker than it is."""
+    stiffness = (2 * np.pi * 1200.0) ** 2 / MOBILITY
     bench = Bench(stiffness=stiffness, damping=0.01, noise_nm=3e-4)
     measured = synthetic.experiment(3, bench=bench)
-    stretches = signals(measured, TICK_S, Use.IDENTIFY)
-    ticks = measured.ticks
-    load_delay_s = bench.serial_delay_s - 2e-4
-    calibrated = Coupling(
-        1.33 * stiffness, 0.3 * stiffness, 0.0, 0.01, LOAD_KGM2, 0.95, 1000.0, load_delay_s,
-        sent_at_s(ticks, int(ticks["tick_ns"][0])), np.ascontiguousarray(ticks["load_torque_nm"]),
-    )  # fmt: skip
-    readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=calibrated)
+    stretches, ticks = signals(measured, TICK_S, Use.IDENTIFY), measured.ticks
+    sent_s = sent_at_s(ticks, int(ticks["tick_ns"][0]))
+    told_nm = np.ascontiguousarray(ticks["load_torque_nm"])
+    load, delay_s = (LOAD_KGM2, 0.95, 1000.0), bench.serial_delay_s
+    calibrated = Coupling(1.33 * stiffness, 0.3 * stiffness, 0.0, 0.01, *load, delay_s, sent_s, told_nm)
     before = solution_of(stretches)
+    readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=calibrated)
     quiet, _, after = without_ringing(readings, stretches, before)
-    assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, rel=0.03)
-    (led_astray, _), (values, covariance) = physical(before), physical(after)
-    deviations = np.sqrt(np.diag(covariance))[:7]
-    true = Truth().array()
-    assert np.max(np.abs(led_astray[:7] - true) / deviations) > 8.0
-    assert np.max(np.abs(values[:7] - true) / deviations) < 4.0
+    assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, abs=3.0 * quiet.coupling.stiffness_std_nm_rad)
+    assert "ring on the torque sensor's spring" in remark_on(quiet, Truth().inertia)[0]
+
+    def astray(solution):
+        """In deviations that the residual gives: they hold nothing of the spring's."""
+        values, covariance = physical(solution)
+        return np.max(np.abs(values[:7] - Truth().array()) / np.sqrt(np.diag(covariance))[:7])
+
+    assert astray(before) > 10.0
+    assert astray(after) < 5.0
 
 
 def test_a_bench_that_does_not_ring_stays_as_it_was_read(experiment, result):
@@ -173,11 +175,11 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     span_s = (truth.time_s[0] + 20.0, truth.time_s[0] + 21.0)
     time_s = np.arange(span_s[0] - 0.2, span_s[1] + 0.2, fine_s)
     driving = np.zeros(time_s.size)
-    shape, stretch = bench.solution.shape, truth.stretch
+    shape, stretch, gain_nm = bench.solution.shape, truth.stretch, bench.solution.linear[0]
     for acts_s, command, bandwidth, gain in (
-        (stretch.sent_s + shape.command_delay_s, stretch.command, shape.bandwidth_rad_s, bench.solution.linear[0] / inertia),
+        (stretch.sent_s + shape.command_delay_s, stretch.command, shape.bandwidth_rad_s, gain_nm / inertia),
         (spring.sent_s, spring.command_nm, 1000.0, -1.0 / LOAD_KGM2),
-    ):  # fmt: skip
+    ):
         held = command[np.clip(np.searchsorted(acts_s, time_s, side="right") - 1, 0, None)]
         driving += gain * signal.lfilter([1 - np.exp(-bandwidth * fine_s)], [1, -np.exp(-bandwidth * fine_s)], held)
     mobility = 1 / inertia + 1 / LOAD_KGM2
