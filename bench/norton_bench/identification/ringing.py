@@ -30,6 +30,9 @@ from norton_bench.segments import Use
 # Listened to are the spans in which motors are driven the most; the whole record would take longer, and tell little
 # more.
 SPAN_S, SPANS = 2.0, 10
+# Not in these steps: under feedback of the torque the load's commands follow the errors of its readings, and what they
+# make ring would be told by these (closed-loop identification: Ljung, System Identification, ch. 13).
+ZERO_TORQUE = ("free", "tabulate_source")
 # At the ends of a span nobody knows what rang before.
 EDGE_S = 0.05
 # Of the stiffness, in deviations: where it is looked for.
@@ -49,9 +52,10 @@ STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
 # The middle of the shares of critical damping that joints have, from 0.005 to 0.16 (Bachmann), and the deviation of the
 # logarithm with which 95 % lie between these.
 DAMPING_RATIO, DAMPING_STD = 0.028, 0.88
-# By how much of a wave, and of the logarithm of its size, a motor may differ from its first-order lag at such a
-# frequency: 30°, and what twice the bandwidth or half of it makes.
-MOTOR_LATE, MOTOR_LOUDER = 1.0 / 12.0, 0.35
+# By how much of a wave a motor may differ from its first-order lag at such a frequency: 30°. And by how much, of the
+# logarithm, the torque of either motor: 95 % from half of what its lag says to twice as much.
+MOTOR_LATE, LOUDER = 1.0 / 12.0, 0.35
+INCREDIBLE = 3.0  # deviations
 # Of the stiffness's logarithm: known no better, in case it goes with the temperature; a factor of 7 either way.
 STIFFNESS_STD = (1e-3, 1.0)
 
@@ -224,7 +228,7 @@ def _less(measured: Measured, ringing_nm: FloatArray) -> Measured:
 class Prior:
     """What is known of a spring beforehand: normal, of Coupling.moved's unknowns, each by itself.
 
-    What shakes it is loud to within a factor of e, and as late as half a wave at most: then it is another wave.
+    What shakes it is late by half a wave at most: then it is another wave.
     """
 
     centre: Coupling
@@ -239,12 +243,12 @@ class Prior:
         if damping > DAMPING_STD:
             damping, calibrated = DAMPING_STD, calibrated.damped(DAMPING_RATIO, inertia_kgm2)
         half_s = 0.5 / calibrated.resonance_hz(inertia_kgm2)
-        return cls(calibrated, np.array([stiffness, damping, half_s, half_s, 1.0, 1.0]), inertia_kgm2)
+        return cls(calibrated, np.array([stiffness, damping, half_s, half_s, LOUDER, LOUDER]), inertia_kgm2)
 
     def with_motor_known(self) -> "Prior":
         """The same where the fit that foretells what the motor does is no more led astray."""
         std = self.std.copy()
-        std[[2, 4]] = MOTOR_LATE * 2.0 * std[2], MOTOR_LOUDER
+        std[2] *= 2.0 * MOTOR_LATE
         return replace(self, std=std)
 
     def off(self, spring: Coupling) -> FloatArray:
@@ -264,6 +268,10 @@ class Prior:
     def cost(self, spring: Coupling) -> float:
         """The logarithm of how much less likely it is than the centre."""
         return 0.5 * float(np.sum((self.off(spring) / self.std) ** 2))
+
+    def incredible(self, spring: Coupling) -> bool:
+        """Whether no motor shakes it like that: then the load's commands follow the sensor's noise, which is heard."""
+        return bool(np.any(np.abs(self.off(spring)[4:]) > INCREDIBLE * self.std[4:]))
 
     def possible(self, spring: Coupling) -> Coupling:
         """The same with no less damping than any joint has, and less than rings no more."""
@@ -288,7 +296,7 @@ def heard(simulation: Simulation, coupling: Coupling, before: Sequence[Coupling]
     else:
         starts = _looked_for(likelihood, prior)
     found = sorted((_followed(likelihood, start, prior) for start in starts), key=lambda each: -each.gain)
-    if found[0].gain < likelihood.audible:
+    if found[0].gain < likelihood.audible or prior.incredible(found[0].spring):
         return ()
     return tuple(_told(each, prior) for each in found[:FOLLOWED])
 
@@ -306,8 +314,9 @@ def _told(found: Heard, prior: Prior) -> Coupling:
 
 
 def _spans(simulation: Simulation, coupling: Coupling) -> Iterator[tuple[IntArray, Driving]]:
-    """Those in which the motors are driven the most while their motion is fitted."""
-    solution = simulation.solution
+    """Those in which the motors are driven the most while their motion is fitted, and does not answer the torque."""
+    solution, segments = simulation.solution, simulation.readings.measured.segments
+    answering = [segment.index for segment in segments if segment.procedure in ZERO_TORQUE]
     found: list[tuple[float, float, SimulatedStretch]] = []
     for truth in simulation.truths:
         stretch = truth.stretch
@@ -318,7 +327,8 @@ def _spans(simulation: Simulation, coupling: Coupling) -> Iterator[tuple[IntArra
         energy = _energy(stretch.sent_s, quick * stretch.command, edges_s)
         quick = coupling.load_gain * coupling.load_bandwidth_rad_s / coupling.load_inertia_kgm2
         energy += _energy(coupling.sent_s, quick * coupling.command_nm, edges_s)
-        energy *= np.histogram(stretch.time_s, edges_s, weights=stretch.usable.astype(float))[0]
+        useful = stretch.usable & ~np.isin(stretch.segment, answering)
+        energy *= np.histogram(stretch.time_s, edges_s, weights=useful.astype(float))[0]
         found += [(float(each), begin, truth) for each, begin in zip(energy, edges_s[:-1], strict=True)]
     time_s = simulation.torque.time_s
     # Springs that are listened for may be stiffer.
