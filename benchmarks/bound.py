@@ -30,8 +30,8 @@ from scipy.sparse.linalg import splu
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
 from norton_bench.identification.expansion import Linearised, Slopes, without
-from norton_bench.identification.fit import KNOWN
 from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.motor_values import KNOWN
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.signals import FINE, Signals
 

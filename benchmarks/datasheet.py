@@ -31,8 +31,8 @@ from norton_bench.datasheet.ripple import CHANCE
 from norton_bench.datasheet.sheet import sheet_of_result
 from norton_bench.errors import BenchError
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import fit_judged
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.residual_tests import diagnose
 from norton_bench.models.derived import derived
 from norton_bench.models.network import NortonNetwork

@@ -28,8 +28,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
 import lsoda
 import numpy as np
 
-from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.identification.fit import fit
 from norton_bench.identification.live import LiveIdentifier
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult, LiveEstimate
 from norton_bench.identification.signals import signals
 from norton_bench.records import Measured

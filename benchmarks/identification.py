@@ -32,8 +32,9 @@ import verdicts
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.expansion import Linearised, information
-from norton_bench.identification.fit import KNOWN, PHYSICAL, fit, network_of
+from norton_bench.identification.fit import fit, network_of
 from norton_bench.identification.load import coupling_of
+from norton_bench.identification.motor_values import KNOWN, PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.models.parameters import Status

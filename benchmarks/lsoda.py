@@ -13,7 +13,7 @@ from numba import njit
 from scipy.integrate import solve_ivp
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import FINE, Signals
 

@@ -36,7 +36,7 @@ from identification import bounds, noise
 
 from norton_bench.errors import BenchError
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
 from norton_bench.models.parameters import Status

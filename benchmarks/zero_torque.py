@@ -28,7 +28,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import foreseeing, with_preview
-from norton_bench.identification.fit import PHYSICAL
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.trials import TRIAL
 from norton_bench.loop.devices import guard_for, open_devices
 from norton_bench.loop.loop import Loop

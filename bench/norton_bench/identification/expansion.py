@@ -14,9 +14,9 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from norton_bench.arrays import FloatArray, IntArray
-from norton_bench.identification.fit import KNOWN, PHYSICAL
 from norton_bench.identification.joint_regression import JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
+from norton_bench.identification.motor_values import KNOWN, PHYSICAL
 from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.results import FitResult, SensorZero

@@ -17,10 +17,11 @@ from norton_bench.identification import cleaning
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.cleaning import Cleaned
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.fit import bias_of, names_of, physical, result_of, solution_of, solution_with
+from norton_bench.identification.fit import bias_of, result_of, solution_of, solution_with
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import ModelError, judged_estimates
+from norton_bench.identification.motor_values import names_of, physical
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution

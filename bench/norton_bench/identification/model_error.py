@@ -22,8 +22,8 @@ from norton_bench.identification.departures import (
     greatest_share,
 )
 from norton_bench.identification.expansion import Expansion, Linearised, Sums
-from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.ladder import Rung, selected
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import mean_squares
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.fit import PHYSICAL, network_of
+from norton_bench.identification.fit import network_of
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.statistics import LOOSE_BEYOND, Combined, combine
 from norton_bench.models.network import NortonNetwork

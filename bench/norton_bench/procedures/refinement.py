@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.expansion import deviations
-from norton_bench.identification.fit import KNOWN
+from norton_bench.identification.motor_values import KNOWN
 from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 
 # Estimates that more excitation can improve. The others have no value, and the fit reports why.

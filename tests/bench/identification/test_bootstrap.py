@@ -7,7 +7,7 @@ import pytest
 
 from norton_bench.identification.bootstrap import NORMAL_95, Readings, Scatter, Simulation, scatter_of
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
-from norton_bench.identification.fit import PHYSICAL, physical
+from norton_bench.identification.motor_values import PHYSICAL, physical
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
 from norton_bench.identification.simulated_bench import ReadingErrors

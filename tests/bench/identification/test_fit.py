@@ -8,8 +8,9 @@ import pytest
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS
-from norton_bench.identification.fit import fit, physical
+from norton_bench.identification.fit import fit
 from norton_bench.identification.load import fit_load
+from norton_bench.identification.motor_values import physical
 from norton_bench.identification.separable import solve
 from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import signals

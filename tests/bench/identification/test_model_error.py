@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
-from norton_bench.identification.fit import PHYSICAL
 from norton_bench.identification.judged_fit import beyond_bounds, possible
 from norton_bench.identification.model_error import expanded, judged, judged_estimates, model_error
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import LEVEL, bound, prediction_error
 from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import signals

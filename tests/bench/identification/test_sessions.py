@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.identification.fit import fit
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import SessionFit, differing, together
 from norton_bench.models.parameters import Estimate, Status

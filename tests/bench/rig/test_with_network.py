@@ -8,7 +8,8 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.errors import UsageError
-from norton_bench.identification.fit import PHYSICAL, fit
+from norton_bench.identification.fit import fit
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.models.terms import NetworkTerm
