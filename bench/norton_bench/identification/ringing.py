@@ -169,25 +169,27 @@ def without_ringing(
     The solution is that of a motor that no joint stands before: what a joint lets through shakes no sensor. One that
     did not converge, or that no torque gives a scale, foretells no ringing.
     """
+    as_read = readings, stretches, solution
     coupling = readings.coupling
-    if not solution.converged or solution.free_motion:
-        return readings, stretches, solution
+    if coupling is None or not solution.converged or solution.free_motion:
+        return as_read
     # Slower ringing is read as it is: nothing of it is folded.
-    if coupling is None or coupling.resonance_hz(inertia_of(solution)) < 0.5 * _rate_hz(readings):
-        return readings, stretches, solution
+    if coupling.resonance_hz(inertia_of(solution)) < 0.5 * _rate_hz(readings):
+        return as_read
     quiet, springs = readings, tuple[Coupling, ...]()
     for _ in range(ROUNDS):
         simulation = Simulation.without_errors(quiet, stretches, solution)
         springs = heard(simulation, coupling, springs)
         if not springs:
-            break
-        spring = springs[0]
+            return as_read
         everywhere = simulation.over(_validated(readings))
-        ringing_nm = Ringing.of(everywhere, spring, stretches).of_spring(spring)
+        ringing_nm = Ringing.of(everywhere, springs[0], stretches).of_spring(springs[0])
         measured = _less(readings.measured, ringing_nm)
-        quiet = replace(readings, measured=measured, coupling=spring, ringing_nm=ringing_nm)
+        quiet = replace(readings, measured=measured, coupling=springs[0], ringing_nm=ringing_nm)
         stretches = signals(measured, readings.tick_s, readings.use)
         solution = solve_again(stretches, solution)
+        if not solution.converged:
+            return as_read
     return quiet, stretches, solution
 
 
