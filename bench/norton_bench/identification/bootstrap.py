@@ -54,7 +54,7 @@ DRAWS = 12
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
-    ``ringing_nm`` (n,) was taken off the torque readings already (``ringing``), those that Simulation has.
+    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``).
     """
 
     measured: Measured
@@ -237,10 +237,10 @@ class Simulation:
         torque_nm = np.asarray(truth.torque(self.solution, travel_s)(time_s))
         if coupling is None:
             return torque_nm
-        return torque_nm + self.driving(truth, coupling, travel_s).rung_at(time_s, coupling)
+        return torque_nm + self.driving(truth, coupling, travel_s).ringing_at(time_s, coupling)
 
     def driving(self, truth: SimulatedStretch, coupling: Coupling, travel_s: FloatArray | None = None) -> Driving:
-        """What makes the coupling ring in one stretch; on average, where ``travel_s`` (commands,) is not told."""
+        """What makes the coupling ring in one stretch; the mean over ``travel_s`` (commands,) where it is not given."""
         begin_s, end_s = truth.time_s[0], truth.time_s[-1]
         return self.driving_within((begin_s, end_s), truth, coupling, travel_s)
 

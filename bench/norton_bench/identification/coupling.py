@@ -26,8 +26,9 @@ class Coupling:
     Steps of the commands reach the sensor through it faster than its readings come, and sampling folds them down into
     the band that is fitted. ``command_nm`` (m,) was sent to the load drive at ``sent_s`` (m,).
 
-    Once it was heard (``ringing``), either motor shakes it by so much ``louder``, and so much ``late_s``, than its
-    parameters say: they were told by slower torques. ``root`` (UNKNOWNS, UNKNOWNS) is then that of the covariance.
+    Once it was found in the readings (``ringing``), either motor drives it with ``amplitude`` times the torque, and an
+    extra delay, of what its parameters say: these were found at lower frequencies. ``covariance_root`` (UNKNOWNS,
+    UNKNOWNS) is then the Cholesky factor of the covariance.
     """
 
     stiffness_nm_rad: float
@@ -41,17 +42,17 @@ class Coupling:
     sent_s: FloatArray
     command_nm: FloatArray
     load_released_at_zero: bool = False  # as in records.Chain
-    motor_late_s: float = 0.0
-    load_late_s: float = 0.0
-    motor_louder: float = 1.0
-    load_louder: float = 1.0
-    root: FloatArray | None = None
+    motor_extra_delay_s: float = 0.0
+    load_extra_delay_s: float = 0.0
+    motor_amplitude: float = 1.0
+    load_amplitude: float = 1.0
+    covariance_root: FloatArray | None = None
 
     def drawn(self, random: np.random.Generator) -> "Coupling":
         """One of the springs that this may be: where its resonance lies near the rate of the readings, a little more or
         less of either decides how much of the steps the readings fold down."""
-        if self.root is not None:
-            return self.moved(self.root @ random.standard_normal(UNKNOWNS))
+        if self.covariance_root is not None:
+            return self.moved(self.covariance_root @ random.standard_normal(UNKNOWNS))
         stiffer = self.stiffer(random.standard_normal())
         damping_nms_rad = self.damping_nms_rad + self.damping_std_nms_rad * random.standard_normal()
         return replace(stiffer, damping_nms_rad=damping_nms_rad)
@@ -63,10 +64,10 @@ class Coupling:
             self,
             stiffness_nm_rad=self.stiffness_nm_rad * exp(change[0]),
             damping_nms_rad=self.damping_nms_rad * exp(change[1]),
-            motor_late_s=self.motor_late_s + float(change[2]),
-            load_late_s=self.load_late_s + float(change[3]),
-            motor_louder=self.motor_louder * exp(change[4]),
-            load_louder=self.load_louder * exp(change[5]),
+            motor_extra_delay_s=self.motor_extra_delay_s + float(change[2]),
+            load_extra_delay_s=self.load_extra_delay_s + float(change[3]),
+            motor_amplitude=self.motor_amplitude * exp(change[4]),
+            load_amplitude=self.load_amplitude * exp(change[5]),
         )
 
     def stiffer(self, deviations: float) -> "Coupling":

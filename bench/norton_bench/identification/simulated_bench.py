@@ -225,11 +225,11 @@ class Driving:
     def spectrum(self, coupling: Coupling) -> Spectrum:
         """Of the torque that the sensor feels."""
         turn = -2j * np.pi * self.frequency_hz
-        driving = coupling.motor_louder * np.exp(turn * coupling.motor_late_s) * self.motor
-        driving -= coupling.load_louder * np.exp(turn * coupling.load_late_s) * self.load
+        driving = coupling.motor_amplitude * np.exp(turn * coupling.motor_extra_delay_s) * self.motor
+        driving -= coupling.load_amplitude * np.exp(turn * coupling.load_extra_delay_s) * self.load
         return np.asarray(driving * coupling.response(self.frequency_hz, self.inertia_kgm2))
 
-    def rung_at(self, time_s: FloatArray, coupling: Coupling) -> FloatArray:
+    def ringing_at(self, time_s: FloatArray, coupling: Coupling) -> FloatArray:
         """The same at instants in order, (m,)."""
         return self.torque_at(time_s, self.spectrum(coupling))
 

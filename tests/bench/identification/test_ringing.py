@@ -93,7 +93,7 @@ def test_without_a_calibration_no_spring_is_known(result):
     assert ringing(result, None) == ()
 
 
-def heard_in(measured, result, spring):
+def found_in(measured, result, spring):
     """Readings, signals and solution without the ringing, where the calibration told this ``spring``."""
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     readings = replace(result.simulated.bench.readings, measured=measured, coupling=spring)
@@ -103,21 +103,21 @@ def heard_in(measured, result, spring):
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.06)])
 def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment, result, off, ratio):
     """Its damping could be anything, its stiffness is known to 2 %, and the load is 150 µs later than was told."""
-    true = replace(coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia), load_late_s=1.5e-4)
+    true = replace(coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia), load_extra_delay_s=1.5e-4)
     measured = shaken(experiment, result, true)
-    quiet, _, _ = heard_in(measured, result, replace(coupling(), damping_std_nms_rad=1.0))
+    quiet, _, _ = found_in(measured, result, replace(coupling(), damping_std_nms_rad=1.0))
     told = quiet.coupling
     assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=0.03)
     assert told.damping_nms_rad == pytest.approx(true.damping_nms_rad, rel=0.2)
     assert told.damping_std_nms_rad < 0.1 * told.damping_nms_rad
-    assert told.load_late_s == pytest.approx(1.5e-4, abs=2e-5)
+    assert told.load_extra_delay_s == pytest.approx(1.5e-4, abs=2e-5)
     # What was taken off is what was put in.
     put_in = measured.torque["torque_nm"] - experiment.torque["torque_nm"]
     left = quiet.measured.torque["torque_nm"] - experiment.torque["torque_nm"]
     assert np.std(left) < 0.2 * np.std(put_in)
 
 
-def test_parameters_that_ringing_led_astray_come_back():
+def test_parameters_biased_by_ringing_are_corrected():
     """A bench that is simulated in steps of 10 µs, whose spring rings at 1200 Hz; the calibration took it for a third
     stiffer, and the load for a third of a millisecond quicker than it is."""
     stiffness = (2 * np.pi * 1200.0) ** 2 / MOBILITY
@@ -132,19 +132,19 @@ def test_parameters_that_ringing_led_astray_come_back():
     readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=calibrated)
     quiet, _, after = without_ringing(readings, stretches, before)
     assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, abs=3.0 * quiet.coupling.stiffness_std_nm_rad)
-    assert "ring on the torque sensor's spring" in remark_on(quiet, Truth().inertia)[0]
+    assert "oscillate on the torque sensor's spring" in remark_on(quiet, Truth().inertia)[0]
 
-    def astray(solution):
+    def worst_error(solution):
         """In deviations that the residual gives: they hold nothing of the spring's."""
         values, covariance = physical(solution)
         return np.max(np.abs(values[:7] - Truth().array()) / np.sqrt(np.diag(covariance))[:7])
 
-    assert astray(before) > 10.0
-    assert astray(after) < 5.0
+    assert worst_error(before) > 10.0
+    assert worst_error(after) < 5.0
 
 
 def test_a_bench_that_does_not_ring_stays_as_it_was_read(experiment, result):
-    quiet, stretches, _ = heard_in(experiment, result, coupling())
+    quiet, stretches, _ = found_in(experiment, result, coupling())
     assert quiet.measured is experiment
     assert quiet.ringing_nm is None
     assert quiet.coupling is not None
@@ -153,11 +153,11 @@ def test_a_bench_that_does_not_ring_stays_as_it_was_read(experiment, result):
 
 
 @pytest.mark.parametrize("spring", [None, coupling(400.0)], ids=["not calibrated", "slower than the readings"])
-def test_nothing_is_listened_for_where_nothing_can_be_folded(experiment, result, spring):
-    assert heard_in(experiment, result, spring)[0].measured is experiment
+def test_nothing_is_looked_for_where_nothing_can_be_aliased(experiment, result, spring):
+    assert found_in(experiment, result, spring)[0].measured is experiment
 
 
-def test_what_is_heard_is_weighed_against_the_calibration():
+def test_the_prior_is_the_calibration_or_what_joints_have():
     """The damping is believed where the calibration tells it better than joints do; else joints are."""
     told = replace(coupling(), damping_nms_rad=0.10, damping_std_nms_rad=0.02)
     prior = Prior.of(told, Truth().inertia)
@@ -193,5 +193,6 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     slow = np.convolve(torque, PORT.taps(offsets, 0, exact_to=3), "same")
     middle = (time_s > span_s[0] + 0.3) & (time_s < span_s[1] - 0.3)
     expected = (torque - slow)[middle]
-    found = bench.driving_within(span_s, truth, spring, np.zeros(stretch.sent_s.size)).rung_at(time_s[middle], spring)
+    driving = bench.driving_within(span_s, truth, spring, np.zeros(stretch.sent_s.size))
+    found = driving.ringing_at(time_s[middle], spring)
     assert np.std(found - expected) < 0.03 * np.std(expected)
