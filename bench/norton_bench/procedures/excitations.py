@@ -87,21 +87,19 @@ class PlanBounds:
     travel_rad: float
 
     def swing_rad_s(self, command: FloatArray, motion: Motion) -> FloatArray:
-        """The velocity that the command gives to the shaft although the load holds it, shape (ticks,): a velocity
-        commanded gives none where the shaft has it.
+        """How far the shaft's velocity is off the imposed one, although the load holds it, shape (ticks,).
 
-        Of the linear bench under the controller of prescribed motion: friction contacts, which would hold the shaft
-        back, are left out.
+        What the actuator exerts beside its inertia drives it off: the torque of its command and its friction along the
+        imposed motion; a velocity commanded to a servo gives none where the shaft has it. The bench is linear, under
+        the controller of prescribed motion.
         """
-        servo = self.network.servo
-        if servo is not None and not servo.holds_position:
-            command = command - motion.velocity_rad_s
-        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, self.rig.tick_s)
+        network = self.network
+        port_nm = network.torque(command, motion.position_rad, self.rig.tick_s)
+        free_rad_s2 = port_nm / network.inertia_kgm2 + motion.acceleration_rad_s2
         size = 2 * command.size  # the second half at rest: what is periodic here does not return to the beginning
         rad_per_tick = 2 * np.pi * np.fft.rfftfreq(size)
         response = np.interp(rad_per_tick, SWING_FREQUENCIES, self._swing_response)
-        swing = np.fft.irfft(response * np.fft.rfft(motor_nm / self.network.inertia_kgm2, size), size)
-        return np.asarray(swing[: command.size])
+        return np.asarray(np.fft.irfft(response * np.fft.rfft(free_rad_s2, size), size)[: command.size])
 
     @cached_property
     def _swing_response(self) -> ComplexArray:
@@ -267,13 +265,6 @@ def _command(bounds: PlanBounds, band_hz: tuple[float, float], duration_s: float
 
 def _rest(ticks: int) -> Motion:
     return Motion(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks))
-
-
-def _lagged(values: FloatArray, bandwidth_rad_s: float, tick_s: float) -> FloatArray:
-    from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
-
-    decay = float(np.exp(-bandwidth_rad_s * tick_s))
-    return np.asarray(network_steps.lagged(np.ascontiguousarray(values), decay, 0.0))
 
 
 def _fitted(idea: Candidate, bounds: PlanBounds) -> Candidate | None:
