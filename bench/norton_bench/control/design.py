@@ -6,7 +6,7 @@ what the load's own calibration makes likely; where it sticks it is a spring, an
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from itertools import chain, product
 from math import ceil, inf, sqrt
 
@@ -168,7 +168,6 @@ def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
     return result
 
 
-@lru_cache(maxsize=16)  # plans ask for it again and again
 def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking | None:
     benches = (*sliding_benches(calibration, tick_s), *sticking_benches(calibration, tick_s))
     best, least = None, inf

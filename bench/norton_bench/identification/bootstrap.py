@@ -233,7 +233,7 @@ class Simulation:
     ) -> FloatArray:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:
-            time_s = np.sort(time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size))
+            time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
         torque_nm = np.asarray(truth.torque(self.solution, travel_s)(time_s))
         if coupling is None:
             return torque_nm

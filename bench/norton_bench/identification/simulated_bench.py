@@ -230,13 +230,16 @@ class Driving:
         return np.asarray(driving * coupling.response(self.frequency_hz, self.inertia_kgm2))
 
     def ringing_at(self, time_s: FloatArray, coupling: Coupling) -> FloatArray:
-        """The same at instants in order, (m,)."""
+        """The same at some instants, (m,)."""
         return self.torque_at(time_s, self.spectrum(coupling))
 
     def torque_at(self, time_s: FloatArray, spectrum: Spectrum) -> FloatArray:
-        """What has this spectrum, at instants in order, (m,)."""
+        """What has this spectrum, at some instants, (m,)."""
         torque_nm = np.asarray(np.fft.irfft(spectrum, self.at_s.size), dtype=np.float64)
-        return TimeSeries(self.at_s, torque_nm, float(self.at_s[1] - self.at_s[0])).at(time_s)
+        order = np.argsort(time_s)
+        found_nm = np.empty(time_s.size)
+        found_nm[order] = TimeSeries(self.at_s, torque_nm, float(self.at_s[1] - self.at_s[0])).at(time_s[order])
+        return found_nm
 
 
 def even_grid(begin_s: float, end_s: float, tick_s: float, highest_hz: float) -> FloatArray:
