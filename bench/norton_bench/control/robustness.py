@@ -7,16 +7,7 @@ import numpy as np
 
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.control.observer import WIDTH, Observer
-from norton_bench.control.regulator import (
-    FREE_ACCELERATION,
-    STATES,
-    TWIST_RATE,
-    VELOCITY,
-    Regulator,
-    SampledBench,
-    look_back,
-    sampled,
-)
+from norton_bench.control.regulator import STATES, VELOCITY, Regulator, SampledBench, look_back, sampled
 
 FREQUENCIES = np.geomspace(0.02, np.pi, 80)  # rad per tick
 # The sensor's resonance lies near or beyond half the loop's rate, where it is a sharp peak at a frequency that no
@@ -61,18 +52,6 @@ def margins(bench: SampledBench, control: Control, tick_s: float) -> Margins:
     return Margins(float(np.max(np.abs(poles))), float(np.max(1 / np.abs(1 - loop))))
 
 
-def swing_response(bench: SampledBench, control: Control, tick_s: float, rad_per_tick: FloatArray) -> ComplexArray:
-    """How the actuator's shaft moves although the load holds it: from the acceleration that it would have if it were
-    free [rad/s²], the same throughout a tick, to its velocity [rad/s]; at these frequencies, (n,)."""
-    blunt = bench.with_damping(LEAST_DAMPING)
-    step = _closed_loop(blunt, control, tick_s)
-    entry, velocity = np.zeros((len(step), 1)), np.zeros(len(step))
-    flow = sampled(*blunt.matrices(), tick_s, blunt.command_delay_s).flow(tick_s)
-    entry[:STATES, 0] = flow[:, STATES + 1 + FREE_ACCELERATION]
-    velocity[[VELOCITY, TWIST_RATE]] = 1.0
-    return np.asarray(_resolved(step, entry, rad_per_tick)[:, :, 0] @ velocity)
-
-
 @lru_cache(maxsize=256)
 def _bench_response(bench: SampledBench, tick_s: float) -> ComplexArray:
     """From command to readings at FREQUENCIES, (n, 3)."""
@@ -86,9 +65,9 @@ def _control_response(control: Control) -> ComplexArray:
     return np.asarray(control.direct + control.wish @ _resolved(control.step, control.entry))
 
 
-def _resolved(step: FloatArray, entry: FloatArray, rad_per_tick: FloatArray = FREQUENCIES) -> ComplexArray:
-    """(z − A)⁻¹ B at these frequencies."""
-    z = np.exp(1j * rad_per_tick)[:, None, None]
+def _resolved(step: FloatArray, entry: FloatArray) -> ComplexArray:
+    """(z − A)⁻¹ B at FREQUENCIES."""
+    z = np.exp(1j * FREQUENCIES)[:, None, None]
     return np.asarray(np.linalg.solve(z * np.eye(len(step)) - step, entry[None]))
 
 

@@ -6,14 +6,11 @@ Plans are made smaller until they keep to every limit of the rig, by what has be
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.design import design_tracking, nominal_bench
-from norton_bench.control.robustness import swing_response, tracking_control
 from norton_bench.identification.expansion import Excitation
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import first_inertia_kgm2
@@ -42,8 +39,10 @@ HIGHEST_MOTION_HZ = 60.0
 TORQUE_SHARE = 0.4
 CHANGE_S = 0.15
 DWELL_S = 0.35
-# At which the response of a held shaft to its command is computed, in rad per tick.
-SWING_FREQUENCIES = np.geomspace(1e-4, np.pi, 400)
+# The load holds against a command up to about this frequency; above, both inertias swing, and the spring of the torque
+# sensor between them lets the actuator's swing by so much more.
+HELD_TO_HZ = 10.0
+SPRING = 1.5
 # Each try is smaller by this factor; an excitation that never fits is left out.
 CANDIDATE_SHRINKS = 0.8
 MOST_TRIES = 40
@@ -87,33 +86,15 @@ class PlanBounds:
     travel_rad: float
 
     def swing_rad_s(self, command: FloatArray, motion: Motion) -> FloatArray:
-        """How far the shaft's velocity is off the imposed one, although the load holds it, shape (ticks,).
-
-        What the actuator exerts beside its inertia drives it off: the torque of its command and its friction along the
-        imposed motion; a velocity commanded to a servo gives none where the shaft has it. The bench is linear, under
-        the controller of prescribed motion.
-        """
-        network = self.network
-        port_nm = network.torque(command, motion.position_rad, self.rig.tick_s)
-        free_rad_s2 = port_nm / network.inertia_kgm2 + motion.acceleration_rad_s2
-        size = 2 * command.size  # the second half at rest: what is periodic here does not return to the beginning
-        rad_per_tick = 2 * np.pi * np.fft.rfftfreq(size)
-        response = np.interp(rad_per_tick, SWING_FREQUENCIES, self._swing_response)
-        return np.asarray(np.fft.irfft(response * np.fft.rfft(free_rad_s2, size), size)[: command.size])
-
-    @cached_property
-    def _swing_response(self) -> ComplexArray:
-        """At SWING_FREQUENCIES."""
-        network, load, tick_s = self.network, self.load, self.rig.tick_s
-        tracking = design_tracking(load, tick_s)
-        bench = replace(
-            nominal_bench(load, tick_s),
-            actuator_inertia_kgm2=network.inertia_kgm2,
-            actuator_damper_nms_rad=network.viscous_damping_nms_rad,
-            load_damper_nms_rad=load.viscous_damping_nms_rad,
-        )
-        control = tracking_control(tracking.observer, tracking.regulator)
-        return swing_response(bench, control, tick_s, SWING_FREQUENCIES)
+        """The velocity that the command gives to the shaft although the load holds it, shape (ticks,): a velocity
+        commanded gives none where the shaft has it."""
+        servo = self.network.servo
+        if servo is not None and not servo.holds_position:
+            command = command - motion.velocity_rad_s
+        hold_rad_s, tick_s = 2 * np.pi * HELD_TO_HZ, self.rig.tick_s
+        motor_nm = self.network.torque_gain * _lagged(command, self.network.amplifier_bandwidth_rad_s, tick_s)
+        inertia_kgm2 = self.network.inertia_kgm2 + self.load.inertia_kgm2
+        return _lagged(motor_nm, hold_rad_s, tick_s) / (inertia_kgm2 * hold_rad_s)
 
     def excitation(self, candidate: Candidate) -> Excitation:
         """The expected motion with the candidate: the imposed one, and what the command adds."""
@@ -127,7 +108,7 @@ class PlanBounds:
         port_nm = self.network.torque(command, motion.position_rad, self.rig.tick_s)
         friction_nm = load.viscous_damping_nms_rad * np.abs(motion.velocity_rad_s) + load.coulomb_torque_nm
         load_nm = (np.abs(load.inertia_kgm2 * motion.acceleration_rad_s2 - port_nm) + friction_nm) / load.torque_gain
-        velocity_rad_s = np.abs(motion.velocity_rad_s) + np.abs(self.swing_rad_s(command, motion))
+        velocity_rad_s = np.abs(motion.velocity_rad_s) + SPRING * np.abs(self.swing_rad_s(command, motion))
         moved = self._moved(command, motion, velocity_rad_s, port_nm)
         return _within((*moved, (load_nm, self.rig.limits.load_torque_nm)), share)
 
@@ -265,6 +246,13 @@ def _command(bounds: PlanBounds, band_hz: tuple[float, float], duration_s: float
 
 def _rest(ticks: int) -> Motion:
     return Motion(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks))
+
+
+def _lagged(values: FloatArray, bandwidth_rad_s: float, tick_s: float) -> FloatArray:
+    from norton_bench.models import network_steps  # noqa: PLC0415  (compiled: slow to import)
+
+    decay = float(np.exp(-bandwidth_rad_s * tick_s))
+    return np.asarray(network_steps.lagged(np.ascontiguousarray(values), decay, 0.0))
 
 
 def _fitted(idea: Candidate, bounds: PlanBounds) -> Candidate | None:
