@@ -12,6 +12,15 @@ from norton_bench.arrays import FloatArray
 LEAST_DAMPING_RATIO = 0.005
 # Of :meth:`Coupling.moved`.
 UNKNOWNS = 6
+# Joints have damping ratios from 0.005 to 0.16 (Bachmann et al., Vibration Problems in Structures, 1995, app. C): the
+# geometric mean, and the deviation of the logarithm with which 95 % lie in this range.
+DAMPING_RATIO, DAMPING_STD = 0.028, 0.88
+# An amplifier is not quite a first-order lag at such a frequency. Deviations of the motor's phase, in periods (30°),
+# and of the logarithm of either motor's amplitude: 95 % lie between half of what the lag says and twice as much.
+MOTOR_PHASE_WAVES, AMPLITUDE_STD = 1.0 / 12.0, 0.35
+IMPLAUSIBLE = 3.0  # deviations
+# Least and greatest deviation of the stiffness's logarithm: it changes with temperature; a factor of 7 either way.
+STIFFNESS_STD = (1e-3, 1.0)
 
 
 def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
@@ -95,3 +104,59 @@ class Coupling:
         damping = max(self.damping_nms_rad, least_damping_nms_rad(self.stiffness_nm_rad, mobility))
         spring = self.stiffness_nm_rad + damping * s
         return np.asarray(spring / (s**2 + mobility * spring))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the spring before, normally distributed over the unknowns of ``Coupling.moved``, independent.
+
+    Delays are known to within half a period of the oscillation.
+    """
+
+    centre: Coupling
+    std: FloatArray  # (UNKNOWNS,)
+    inertia_kgm2: float
+
+    @classmethod
+    def of(cls, calibrated: Coupling, inertia_kgm2: float) -> "Prior":
+        """From a calibration; from damping ratios of bolted joints if they say more of the damping."""
+        stiffness = float(np.clip(calibrated.stiffness_std_nm_rad / calibrated.stiffness_nm_rad, *STIFFNESS_STD))
+        damping = calibrated.damping_std_nms_rad / max(calibrated.damping_nms_rad, 1e-300)
+        if damping > DAMPING_STD:
+            damping, calibrated = DAMPING_STD, calibrated.damped(DAMPING_RATIO, inertia_kgm2)
+        half_s = 0.5 / calibrated.resonance_hz(inertia_kgm2)
+        std = np.array([stiffness, damping, half_s, half_s, AMPLITUDE_STD, AMPLITUDE_STD])
+        return cls(calibrated, std, inertia_kgm2)
+
+    def with_motor_known(self) -> "Prior":
+        """The same once the fit, which gives the motor's delay, is free of the ringing."""
+        std = self.std.copy()
+        std[2] *= 2.0 * MOTOR_PHASE_WAVES
+        return replace(self, std=std)
+
+    def off(self, spring: Coupling) -> FloatArray:
+        """Distance of a spring from the centre, in the unknowns of ``Coupling.moved``, (UNKNOWNS,)."""
+        centre = self.centre
+        return np.array(
+            [
+                np.log(spring.stiffness_nm_rad / centre.stiffness_nm_rad),
+                np.log(spring.damping_nms_rad / centre.damping_nms_rad),
+                spring.motor_extra_delay_s - centre.motor_extra_delay_s,
+                spring.load_extra_delay_s - centre.load_extra_delay_s,
+                np.log(spring.motor_amplitude / centre.motor_amplitude),
+                np.log(spring.load_amplitude / centre.load_amplitude),
+            ]
+        )
+
+    def cost(self, spring: Coupling) -> float:
+        """Negative log-density relative to the centre."""
+        return 0.5 * float(np.sum((self.off(spring) / self.std) ** 2))
+
+    def implausible(self, spring: Coupling) -> bool:
+        """Whether no motor has such an amplitude: the load's commands then follow the sensor's noise."""
+        return bool(np.any(np.abs(self.off(spring)[4:]) > IMPLAUSIBLE * self.std[4:]))
+
+    def possible(self, spring: Coupling) -> Coupling:
+        """The same with its damping ratio held between the least of a joint and 1."""
+        low, high = (spring.damped(ratio, self.inertia_kgm2).damping_nms_rad for ratio in (LEAST_DAMPING_RATIO, 1.0))
+        return replace(spring, damping_nms_rad=min(max(spring.damping_nms_rad, low), high))

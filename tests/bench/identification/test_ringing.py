@@ -7,13 +7,13 @@ import pytest
 from scipy import signal
 
 from norton_bench.identification.bootstrap import Readings
-from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.coupling import Coupling, Prior
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import solution_of
 from norton_bench.identification.model_error import folded_ringing
 from norton_bench.identification.motor_values import physical
-from norton_bench.identification.ringing import Prior, Ringing, remark_on, without_ringing
+from norton_bench.identification.ringing import Ringing, remark_on, without_ringing
 from norton_bench.identification.separable import solve_again
 from norton_bench.identification.signals import sent_at_s, signals
 from norton_bench.identification.simulated_bench import PORT
