@@ -23,10 +23,12 @@ from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import ModelError, judged_estimates
 from norton_bench.identification.motor_values import names_of, physical
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
+from norton_bench.identification.ringing import without_ringing
 from norton_bench.identification.sanity_checks import Blocks
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, VISCOUS
 from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import TERM_BY_NAME, TERMS, Factor, NetworkTerm
@@ -199,7 +201,9 @@ class _Correction:
         """The same, of a later fit's."""
         size = abs(estimate.value)
         std = float(np.hypot(self.wider * estimate.std, self.bias_std * size))
-        return replace(estimate, value=estimate.value - self.bias * size, std=std)
+        loose = estimate.status is Status.VALID and std > LOOSE_BEYOND * size
+        status = Status.UNEXCITED if loose else estimate.status
+        return replace(estimate, value=estimate.value - self.bias * size, std=std, status=status)
 
 
 @dataclass
@@ -265,8 +269,7 @@ class LiveIdentifier:
         except ExperimentError:
             return self._latest
         if self._told_ticks >= 2 * self._simulated_ticks and not cleaned.findings.doubts:
-            readings = self._readings(measured, cleaned.measured)
-            result = self._composed(stretches, solution, readings, cleaned)
+            result = self._simulated(self._readings(measured, cleaned.measured), stretches, solution, cleaned)
         else:
             solution = self._with_terms(solution)
             result = result_of(stretches, solution, command_unit=self.command_unit, findings=cleaned.findings)
@@ -286,6 +289,20 @@ class LiveIdentifier:
             estimates = judged_estimates(estimates, self._error)
         network = self._network(estimates, result)
         return LiveEstimate(self._latest.stamp_ns, estimates, network, result.samples)
+
+    def _simulated(
+        self, readings: Readings, stretches: tuple[Signals, ...], solution: Solution, cleaned: Cleaned
+    ) -> FitResult:
+        """As the final fit is. What ringing makes of the values counts as a bias, to be taken off later fits, too."""
+        quiet, quiet_stretches, quiet_solution = without_ringing(readings, stretches, solution)
+        result = self._composed(quiet_stretches, quiet_solution, quiet, cleaned)
+        if quiet.ringing_nm is None or result.simulated is None:
+            return result
+        as_read = self._with_terms(solution)
+        values, covariance = physical(as_read)
+        stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        of_residual = dict(zip(names_of(as_read), stated, strict=True))
+        return replace(result, simulated=replace(result.simulated, of_residual=of_residual))
 
     def _composed(
         self, stretches: tuple[Signals, ...], solution: Solution, readings: Readings, cleaned: Cleaned

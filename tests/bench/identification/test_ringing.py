@@ -11,6 +11,7 @@ from norton_bench.identification.coupling import Coupling, Prior
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import solution_of
+from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.model_error import folded_ringing
 from norton_bench.identification.motor_values import physical
 from norton_bench.identification.ringing import Ringing, remark_on, without_ringing
@@ -19,6 +20,7 @@ from norton_bench.identification.signals import sent_at_s, signals
 from norton_bench.identification.simulated_bench import PORT
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
+from tests.bench.identification.live.phases import feed
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 
 RESONANCE_HZ, LOAD_KGM2 = 1015.0, 1.2e-4
@@ -196,3 +198,17 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     driving = bench.driving_within(span_s, truth, spring, np.zeros(stretch.sent_s.size))
     found = driving.ringing_at(time_s[middle], spring)
     assert np.std(found - expected) < 0.03 * np.std(expected)
+
+
+def test_live_values_are_not_biased_by_ringing_either():
+    """Of a calibration and imposed motion, on a spring that oscillates at 1200 Hz."""
+    bench = Bench(stiffness=(2 * np.pi * 1200.0) ** 2 / MOBILITY, damping=0.01, noise_nm=3e-4)
+    random, truth = np.random.default_rng([3, 5]), Truth()
+    top_nm = 6 * (bench.load.coulomb_torque + truth.coulomb_torque)
+    own, load_nm = (share * top_nm * synthetic.multisine(random, 8.0, 0.5, 200, -0.25) for share in (0.55, 1.0))
+    plan = synthetic.Plan().add("calibrate", "rest", Use.PREPARE, np.zeros(300), synthetic.PUSHED)
+    plan.add("calibrate", "shake", Use.CALIBRATE, own, synthetic.PUSHED, load_nm)
+    plan.add("calibrate", "rest", Use.PREPARE, np.zeros(300), synthetic.PUSHED)
+    measured = synthetic.run(synthetic.imposed_parts(plan, truth, random, 10.0), truth, bench, 3)
+    for estimate in feed(LiveIdentifier("N*m", TICK_S), measured)[-1].estimates:
+        assert abs(estimate.value - getattr(truth, estimate.name)) < 4.0 * estimate.std, estimate
