@@ -47,8 +47,8 @@ class Departure:
     """One that was found: ``rms_nm`` of the torque, ``share`` of what the network left before it was named.
 
     ``left_nm`` is the rms of what is left with it, segments left out predicted from the others. ``change`` (7,) is what
-    its term, and those of all named before, do to each of fit.PHYSICAL, relative. ``periods_per_turn`` is 0 where the
-    position plays no part.
+    its term, and those of all named before, do to each of motor_values.PHYSICAL, relative. ``periods_per_turn`` is 0
+    where the position plays no part.
     """
 
     kind: Kind

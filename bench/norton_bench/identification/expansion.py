@@ -319,7 +319,7 @@ class Expansion:
         return np.asarray(np.unique(index + self.part * (int(index.max()) + 1), return_inverse=True)[1], dtype=np.int64)
 
     def physical(self, change: FloatArray) -> FloatArray:
-        """The relative change of each of fit.PHYSICAL, shape (7,), from that of the unknowns (unknowns,)."""
+        """The relative change of each of motor_values.PHYSICAL, shape (7,), from that of the unknowns (unknowns,)."""
         relative = change[:5] / np.where(self.linear == 0.0, np.inf, self.linear)
         bandwidth, shape = change[self.basis.stop], change[self.basis.stop + 1]
         by_name = {

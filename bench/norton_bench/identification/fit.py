@@ -156,12 +156,15 @@ class _NetworkTerms:
     ratios: tuple[Estimate, ...]
     has_current: bool
 
-    def verdict(self, solution: Solution, values: FloatArray, covariance: FloatArray) -> tuple[str, ...]:
+    def verdict(
+        self, solution: Solution, values: FloatArray, covariance: FloatArray, failed: Sequence[FailedCheck]
+    ) -> tuple[str, ...]:
         """Sentences on what is known, and what is not."""
         loose = loose_directions(PHYSICAL, _relative(solution, values, covariance))
-        return verdict(
+        known = verdict(
             self.estimates, loose, ratios=self.ratios, converged=solution.converged, has_current=self.has_current
         )
+        return (*(each.sentence for each in failed), *known)
 
 
 def result_of(
@@ -178,8 +181,7 @@ def result_of(
     values, covariance, simulated = _values(stretches, solution, of_unknowns, readings)
     covariance = with_lag_as_told(values, covariance, PHYSICAL.index("amplifier_bandwidth"))
     deviations = np.sqrt(np.diag(covariance))
-    checks = failed_checks(solution, values, deviations, tick_s=stretches[0].tick_s)
-    failed = (*map(FailedCheck, findings.doubts), *checks)
+    failed = (*map(FailedCheck, findings.doubts), *failed_checks(solution, values, deviations, stretches[0].tick_s))
     terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
@@ -202,14 +204,14 @@ def result_of(
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
         ground=None if readings is None else Ground(stretches, solution, readings),
-        verdict=(
-            *(each.sentence for each in failed),
-            *terms.verdict(solution, values, covariance),
-            *findings.remarks,
-            *(() if readings is None else remark_on(readings, inertia_of(solution))),
-        ),
+        verdict=(*terms.verdict(solution, values, covariance, failed), *_remarks(findings, readings, solution)),
         failed_checks=failed,
     )
+
+
+def _remarks(findings: Findings, readings: Readings | None, solution: Solution) -> tuple[str, ...]:
+    """What was done to the readings before they were fitted."""
+    return (*findings.remarks, *(() if readings is None else remark_on(readings, inertia_of(solution))))
 
 
 def _values(

@@ -111,7 +111,8 @@ class ModelError:
     ``noise_nm`` of the readings; ``left_nm`` the same, were all ``departures`` in the model.
 
     It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
-    ``spread`` (7,) is how far each of fit.PHYSICAL moves, relative, when segments are left out one by one (jackknife).
+    ``spread`` (7,) is how far each of motor_values.PHYSICAL moves, relative, when segments are left out one by one
+    (jackknife).
     ``prediction`` is empty until it is worked out (``prediction_error``).
     """
 
@@ -126,7 +127,7 @@ class ModelError:
 
     @property
     def change(self) -> FloatArray:
-        """How far the terms that were named move each of fit.PHYSICAL, relative, shape (7,)."""
+        """How far the terms that were named move each of motor_values.PHYSICAL, relative, shape (7,)."""
         return self.departures[-1].change if self.departures else np.zeros(len(PHYSICAL))
 
 
@@ -325,7 +326,7 @@ def _without_cogging(at: Expansion) -> float:
 
 
 def _spread(at: Expansion) -> FloatArray:
-    """The jackknife's deviation of each of fit.PHYSICAL, relative, over segments; shape (7,)."""
+    """The jackknife's deviation of each of motor_values.PHYSICAL, relative, over segments; shape (7,)."""
     sums = Sums.of(at, at.jacobian)
     every = np.arange(len(at.jacobian))
     parts = np.unique(sums.part)

@@ -142,9 +142,9 @@ class FailedCheck:
 
 
 def failed_checks(
-    solution: Solution, values: FloatArray, deviations: FloatArray, *, tick_s: float
+    solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float
 ) -> tuple[FailedCheck, ...]:
-    """All that failed. ``values`` and their ``deviations`` are those of fit.PHYSICAL, then the two delays."""
+    """All that failed. ``values`` and their ``deviations`` are those of motor_values.PHYSICAL, then the two delays."""
     result = [*_too_short(solution, tick_s), *_slow_motion(solution, tick_s)]
     result += [*_wrong_signs(solution, values, deviations), *_unexplained(solution), *_cut_off(solution, tick_s)]
     return (*result, *([] if result else _changing(solution, tick_s)))
