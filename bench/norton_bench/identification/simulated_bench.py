@@ -35,6 +35,8 @@ BLOCK = 100
 PORT = Kernel(cutoff=0.45, half_width=24.0)
 # In cycles a step of an even grid: below the cutoff of what reads it off between its steps.
 HIGHEST_SHOWN = 0.25
+# No grid is finer by more than this: what held commands drive behind a lag falls with the square of the frequency.
+FINEST = 4
 # What readings tell of a motion without loss, and no more: a shaft does not move faster than that.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
 NO_RESTS = np.empty(0, dtype=np.int64)
@@ -244,8 +246,8 @@ class Driving:
 
 def even_grid(begin_s: float, end_s: float, tick_s: float, highest_hz: float) -> FloatArray:
     """Instants from ``begin_s`` to ``end_s`` or a little later, as far apart as a fit's samples, or so much nearer that
-    they show this frequency."""
-    finer = max(1, ceil(tick_s / FINE * highest_hz / HIGHEST_SHOWN))
+    they show this frequency, as far as FINEST allows."""
+    finer = min(max(1, ceil(tick_s / FINE * highest_hz / HIGHEST_SHOWN)), FINEST)
     step_s = tick_s / FINE / finer
     size = next_fast_len(round((end_s - begin_s) / step_s) + 1, real=True)
     return np.asarray(begin_s + np.arange(size) * step_s)
