@@ -16,7 +16,7 @@ from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.joint_fit import solve_behind
-from norton_bench.identification.motor_values import PHYSICAL, covariance_of, names_of, physical
+from norton_bench.identification.motor_values import PHYSICAL, covariance_of, physical, stated_by_name
 from norton_bench.identification.results import (
     FitResult,
     Ground,
@@ -232,10 +232,8 @@ def _simulated(
 ) -> tuple[FloatArray, FloatArray, Simulated]:
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
     scatter = scatter_of(bench, values, physical)
-    stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-    names = names_of(bench.solution)
-    of_residual = dict(zip(names, stated, strict=True))
-    repeated_std = dict(zip(names, scatter.bias_std.tolist(), strict=True))
+    of_residual = stated_by_name(bench.solution, values, covariance)
+    repeated_std = dict(zip(of_residual, scatter.bias_std.tolist(), strict=True))
     return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
 
 

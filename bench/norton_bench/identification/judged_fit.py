@@ -16,12 +16,11 @@ from norton_bench.identification.model_error import (
     judged,
     milli,
     model_error,
-    validation_stretches,
     widened,
 )
 from norton_bench.identification.prediction_error import prediction_error
 from norton_bench.identification.results import FitResult
-from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.signals import Signals, signals, validation_stretches
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, impossible
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS, Factor, NetworkTerm, parameters_of

@@ -21,7 +21,7 @@ from norton_bench.identification.fit import bias_of, result_of, solution_of, sol
 from norton_bench.identification.judged_fit import composed, looked_at
 from norton_bench.identification.load import coupling_of
 from norton_bench.identification.model_error import ModelError, judged_estimates
-from norton_bench.identification.motor_values import names_of, physical
+from norton_bench.identification.motor_values import names_of, physical, stated_by_name
 from norton_bench.identification.results import FitResult, LiveEstimate, Simulated
 from norton_bench.identification.ringing import without_ringing
 from norton_bench.identification.sanity_checks import Blocks
@@ -299,9 +299,7 @@ class LiveIdentifier:
         if quiet.ringing_nm is None or result.simulated is None:
             return result
         as_read = self._with_terms(solution)
-        values, covariance = physical(as_read)
-        stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-        of_residual = dict(zip(names_of(as_read), stated, strict=True))
+        of_residual = stated_by_name(as_read, *physical(as_read))
         return replace(result, simulated=replace(result.simulated, of_residual=of_residual))
 
     def _composed(

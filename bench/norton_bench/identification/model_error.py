@@ -10,7 +10,6 @@ from itertools import product
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Simulation
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import (
@@ -27,7 +26,7 @@ from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import mean_squares
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing
-from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.signals import Signals, signals, validation_stretches
 from norton_bench.identification.simulated_bench import inertia_of
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
@@ -194,16 +193,6 @@ def _usual(result: FitResult, simulation: Simulation) -> _Usual:
         at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), validation_stretches(record, tick_s))
         share, left_nm2 = max(share, greatest_share(at)), max(left_nm2, _without_cogging(at))
     return _Usual(TWICE**2 * share, left_nm2)
-
-
-def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
-    """What is kept for validation; nothing where the session has no such step."""
-    if all(segment.use is not Use.VALIDATE for segment in measured.segments):
-        return ()
-    try:
-        return signals(measured, tick_s, Use.VALIDATE)
-    except ExperimentError:
-        return ()
 
 
 def _told_apart(at: Expansion, result: tuple[Departure, ...], usual: _Usual) -> tuple[Departure, ...]:

@@ -7,17 +7,10 @@ from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, MOTOR_VALUES, VISCOUS
 from norton_bench.identification.statistics import sandwich
 from norton_bench.identification.term_estimates import terms_in_torque
+from norton_bench.models.parameters import MOTOR_PARAMETERS
 from norton_bench.models.terms import parameters_of
 
-PHYSICAL = (
-    "torque_gain",
-    "amplifier_bandwidth",
-    "inertia",
-    "viscous_damping",
-    "coulomb_torque",
-    "presliding_stiffness",
-    "presliding_damping",
-)
+PHYSICAL = tuple(parameter.name for parameter in MOTOR_PARAMETERS)
 # In the order of a solution's values; those of its terms follow. Delays are in seconds.
 KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
 
@@ -25,6 +18,12 @@ KNOWN = (*PHYSICAL, "command_delay", "motion_delay")
 def names_of(solution: Solution) -> tuple[str, ...]:
     """Of a solution's values, as :func:`physical` has them."""
     return (*KNOWN, *(parameter.name for parameter in parameters_of(solution.shape.terms)))
+
+
+def stated_by_name(solution: Solution, values: FloatArray, covariance: FloatArray) -> dict[str, tuple[float, float]]:
+    """Each of a solution's values with its deviation, by its name."""
+    stated = zip(values.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
+    return dict(zip(names_of(solution), stated, strict=True))
 
 
 def covariance_of(solution: Solution) -> FloatArray:

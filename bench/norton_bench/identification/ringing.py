@@ -15,7 +15,6 @@ from math import ceil
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
-from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import Readings, Simulation
 from norton_bench.identification.coupling import UNKNOWNS, Coupling, Prior
 from norton_bench.identification.kernels import Kernel
@@ -23,10 +22,9 @@ from norton_bench.identification.readings import nominal_period_s
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution, solve_again
 from norton_bench.identification.shape import GAIN
-from norton_bench.identification.signals import Signals, TimeSeries, instants, signals
+from norton_bench.identification.signals import Signals, TimeSeries, instants, signals, validation_stretches
 from norton_bench.identification.simulated_bench import Driving, SimulatedStretch, Spectrum, inertia_of
 from norton_bench.records import Measured
-from norton_bench.segments import Use
 
 # Evaluated are the spans in which the motors are driven most; the whole record would take longer and tell little more.
 SPAN_S, SPANS = 2.0, 10
@@ -164,14 +162,14 @@ def without_ringing(
         return as_read
     if coupling.resonance_hz(inertia_of(solution)) < 0.5 * _rate_hz(readings):
         return as_read
+    unseen = validation_stretches(readings.measured, readings.tick_s)
     quiet, springs = readings, tuple[Coupling, ...]()
     for _ in range(ROUNDS):
         simulation = Simulation.without_errors(quiet, stretches, solution)
         springs = fitted_springs(simulation, coupling, springs)
         if not springs:
             return as_read
-        everywhere = simulation.over(_validated(readings))
-        ringing_nm = Ringing.of(everywhere, springs[0], stretches).of_spring(springs[0])
+        ringing_nm = Ringing.of(simulation.over(unseen), springs[0], stretches).of_spring(springs[0])
         measured = _less(readings.measured, ringing_nm)
         quiet = replace(readings, measured=measured, coupling=springs[0], ringing_nm=ringing_nm)
         stretches = signals(measured, readings.tick_s, readings.use)
@@ -196,13 +194,6 @@ def remark_on(readings: Readings, inertia_kgm2: float) -> tuple[str, ...]:
 def _rate_hz(readings: Readings) -> float:
     """Of the torque's readings."""
     return 1.0 / nominal_period_s(readings.measured.torque["arrival_ns"])
-
-
-def _validated(readings: Readings) -> tuple[Signals, ...]:
-    try:
-        return signals(readings.measured, readings.tick_s, Use.VALIDATE)
-    except ExperimentError:
-        return ()
 
 
 def _less(measured: Measured, ringing_nm: FloatArray) -> Measured:
@@ -327,7 +318,8 @@ def _most_likely(likelihood: Likelihood, start: Coupling, prior: Prior) -> Sprin
     def rest_of(spring: Coupling) -> FloatArray:
         return likelihood.left - likelihood.projected(lambda driving: driving.spectrum(spring))
 
-    spring, rest = prior.possible(start), rest_of(prior.possible(start))
+    spring = prior.possible(start)
+    rest = rest_of(spring)
     gain = likelihood.gain(rest) - prior.cost(spring)
     for _ in range(MOST_STEPS):
         slopes = np.stack([rest - rest_of(spring.moved(probe)) for probe in np.diag(PROBES)], axis=1) / PROBES

@@ -125,6 +125,16 @@ def signals(
     return useful
 
 
+def validation_stretches(measured: Measured, tick_s: float) -> tuple[Signals, ...]:
+    """What is kept for validation; nothing where the session has no such step."""
+    if all(segment.use is not Use.VALIDATE for segment in measured.segments):
+        return ()
+    try:
+        return signals(measured, tick_s, Use.VALIDATE)
+    except ExperimentError:
+        return ()
+
+
 def _uneven(stream: "TimeSeries", name: str) -> str:
     """What is wrong with readings of which most come after a gap; empty where that is not so."""
     steps_s = np.diff(stream.time_s)

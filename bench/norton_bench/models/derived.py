@@ -19,7 +19,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.models.drawn_motor import Motor, drawn, estimate_of, over
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Status
+from norton_bench.models.parameters import MOTOR_PARAMETERS, Status
 from norton_bench.models.sliding import BISECTIONS
 
 Interval = tuple[float, float]
@@ -185,15 +185,7 @@ def _contact_ratio(motor: Motor) -> FloatArray:
     return over(motor.damping_nms_rad + motor.contact_damping_nms_rad, critical)
 
 
-GAIN, BANDWIDTH, INERTIA, DAMPING, COULOMB, STIFFNESS, CONTACT = (
-    "torque_gain",
-    "amplifier_bandwidth",
-    "inertia",
-    "viscous_damping",
-    "coulomb_torque",
-    "presliding_stiffness",
-    "presliding_damping",
-)
+GAIN, BANDWIDTH, INERTIA, DAMPING, COULOMB, STIFFNESS, CONTACT = (each.name for each in MOTOR_PARAMETERS)
 DERIVED = (
     Derived(
         "stall_torque", "τs", "N*m",

@@ -36,6 +36,8 @@ PARAMETERS = (
     Parameter("amplifier_gain", "Ka", "A/({command})", "current per unit of command (only where current is measured)"),
     Parameter("torque_limit", "τmax", "N*m", "greatest torque of a servo's motor (only where it was reached)"),
 )
+# Of the paper's motor, as torque and motion alone tell it.
+MOTOR_PARAMETERS = PARAMETERS[:7]
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 
 
