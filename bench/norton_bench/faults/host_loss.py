@@ -113,6 +113,8 @@ def _strike(rig: Rig, number: int, allowed: int, random: Random) -> tuple[Sequen
             _await_motion(rig, host, witness, folder)  # it turns back and forth, and may just stand
             begun_ns = time.monotonic_ns()
             os.killpg(host.pid, number)  # the loop, the session and the identifier alike
+            if time.monotonic_ns() - begun_ns > rig.tick_ns:
+                raise _NoHostError("this computer was too busy to tell within a tick when the host was lost")
             time.sleep(allowed * 1e-9 + WATCH_ON_S)
         return read_witness(witness), begun_ns
 

@@ -254,8 +254,8 @@ LEVELS = (
 )
 EXACT_TO = 3
 REACH = round(LEVELS[-1].half_width)
-# A low-pass is too heavy where it departs from a lighter one by more than this share of the lighter one's deviation.
-DEPARTS = 0.75
+# A low-pass is too heavy where it departs by more than so many deviations of what counting errors alone would make it.
+DEPARTS = 3.0
 # Of an error that is as likely anywhere within one step, in steps.
 UNIFORM_DEVIATION = 1 / np.sqrt(12)
 # A low-pass that is too heavy is not trusted within this share of its half-width either.
@@ -283,8 +283,8 @@ ROUNDED = 0.05
 # A count only says that the shaft is somewhere within one step. Taken literally, a shaft at rest on the edge of two
 # counts seems to travel back and forth, and its friction to slide; where it turns round, the outermost count makes
 # the way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as heavily as
-# its counts allow: by the longest low-pass, exact on cubics, whose result stays inside the steps that were read and
-# within the errors of all shorter ones (Lepski's rule). What is returned never leaves the steps.
+# its counts allow: by the longest low-pass, exact on cubics, whose result differs from the readings and from all
+# shorter ones by no more than counting errors explain (Lepski's rule). What is returned never leaves the steps.
 def resolution_rad(position_rad: FloatArray) -> float:
     """The step in which positions come [rad]; 0 where none can be seen.
 
@@ -326,28 +326,35 @@ def unquantised(position_rad: FloatArray, step_rad: float) -> FloatArray:
     half_rad, path = 0.5 * step_rad, position_rad
     # At rest on the edge of two counts the readings change at random, and only the edge itself fits both.
     rests = _travelled(position_rad, 2 * REACH + 1) < AT_REST_STEPS * step_rad
-    lighter: list[tuple[FloatArray, FloatArray]] = []
+    lighter: list[tuple[Kernel, FloatArray, FloatArray]] = []
     for level in LEVELS:
         smooth = _smoothed(position_rad, level)
-        too_heavy = np.abs(smooth - position_rad) > half_rad
-        for other, tolerance in lighter:
-            too_heavy |= np.abs(smooth - other) > tolerance
-        lighter.append((smooth, _tolerance(position_rad, step_rad, level)))
+        too_heavy = np.abs(smooth - position_rad) > half_rad + step_rad * _by_chance(level)
+        for other, result, few_steps in lighter:
+            too_heavy |= np.abs(smooth - result) > step_rad * np.maximum(_by_chance(level, other), few_steps)
+        lighter.append((level, smooth, _few_counts(position_rad, step_rad, level)))
         doubted = round(DOUBTED_SHARE * level.half_width) + BLEND
         trust = uniform_filter1d(1.0 - maximum_filter1d(too_heavy & ~rests, 2 * doubted + 1), 2 * BLEND + 1)
         path = path + trust * (smooth - path)
     return np.clip(path, position_rad - half_rad, position_rad + half_rad)
 
 
-def _tolerance(position_rad: FloatArray, step_rad: float, level: Kernel) -> FloatArray:
-    """By how much something heavier may differ from this low-pass, shape (n,).
+@cache
+def _by_chance(level: Kernel, other: Kernel | None = None) -> float:
+    """By how many steps independent counting errors move this low-pass at most, or move it against another one."""
+    taps = _taps(level).copy()
+    if other is not None:
+        inner, surplus = _taps(other), round(level.half_width) - round(other.half_width)
+        taps[surplus : surplus + inner.size] -= inner
+    return float(DEPARTS * UNIFORM_DEVIATION * np.linalg.norm(taps))
 
-    Where many counts pass by within the low-pass their errors average out; where few do, they do not.
-    """
-    white = DEPARTS * UNIFORM_DEVIATION * float(np.linalg.norm(_taps(level)))
+
+def _few_counts(position_rad: FloatArray, step_rad: float, level: Kernel) -> FloatArray:
+    """How wrong this low-pass may be where few counts pass by within it, so that their errors do not average out:
+    in steps, shape (n,)."""
     width = round(level.half_width)
     counts = width * uniform_filter1d(np.abs(np.diff(position_rad, prepend=position_rad[0])), width) / step_rad
-    return np.asarray(step_rad * np.maximum(white, 0.5 / (1.0 + counts)))
+    return np.asarray(0.5 / (1.0 + counts))
 
 
 def _travelled(path_rad: FloatArray, within: int) -> FloatArray:

@@ -17,7 +17,7 @@ TICK_S = 1e-3
 TICKS = 4000
 S_PER_RAD = 400.0
 COUNT_RAD = 4.8e-5  # of 17 bits
-PHASES = 8
+PHASES = 48
 INNER = slice(400, -400)
 
 

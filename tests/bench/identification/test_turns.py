@@ -162,7 +162,7 @@ def scattering(values: np.ndarray) -> float:
 
 
 def test_a_coarse_encoder_leaves_a_memory_that_the_innovations_have_not():
-    measured = synthetic.experiment(4, bench=Bench(counts=2.0**13), blocked=False)
+    measured = synthetic.experiment(4, bench=Bench(counts=2.0**14), blocked=False)
     solution = solve(signals(measured, TICK_S, Use.IDENTIFY))
     assert solution.converged
     assert scattering(solution.innovation) < 0.85 * scattering(solution.residual)

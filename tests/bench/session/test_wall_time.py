@@ -51,6 +51,7 @@ velocities = ["-15 rad/s", "15 rad/s"]
 commands = 2
 duration = "2 s"
 """
+TRIES = 3
 GREATEST_ERROR = {"amplifier_bandwidth": 0.15, "presliding_stiffness": 0.15, "presliding_damping": 0.15}
 GREATEST_ERROR_ELSE = 0.03
 
@@ -95,9 +96,13 @@ def bench(folder: Path, out: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.wall_time
+@pytest.mark.timeout(600)
 def test_the_actuator_is_found_in_wall_time(folder: Path) -> None:
-    with bench(folder, "out") as process:
-        out, err = process.communicate(timeout=240)
+    for attempt in range(TRIES):
+        with bench(folder, f"out{attempt}") as process:
+            out, err = process.communicate(timeout=180)
+        if process.returncode != ExitCode.SAFETY_STOP:  # a busy machine may stand still for even longer
+            break
     assert process.returncode == ExitCode.OK, err
     found = json.loads(out)
     assert found["converged"] is True
@@ -109,7 +114,7 @@ def test_the_actuator_is_found_in_wall_time(folder: Path) -> None:
         allowed = max(4 * estimate["std"], GREATEST_ERROR.get(name, GREATEST_ERROR_ELSE) * true)
         assert (estimate["status"], estimate["unit"]) == ("valid", unit)
         assert 0 < abs(estimate["value"] - true) < allowed, name
-    assert_recorded_in_wall_time(folder / "out" / "sim-odrive.mcap")
+    assert_recorded_in_wall_time(folder / f"out{attempt}" / "sim-odrive.mcap")
 
 
 def assert_recorded_in_wall_time(path: Path) -> None:

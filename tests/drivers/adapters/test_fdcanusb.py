@@ -26,6 +26,7 @@ class Adapter:
         self.served = ServedFdcanusb(settings, lambda: None)
         self.heard: list[can.Message] = []
         self.served.attach(self)  # type: ignore[arg-type]
+        self._trouble: Trouble | None = None
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -34,6 +35,10 @@ class Adapter:
         self.heard.append(message)
         self.served.to_host(0x100, bytes(message.data)[::-1], False, message.is_fd)
 
+    def suffer(self, trouble: Trouble) -> None:
+        """Done by the thread that reads the port: nobody else closes it meanwhile."""
+        self._trouble = trouble
+
     def close(self) -> None:
         self._over.set()
         self._thread.join()
@@ -41,7 +46,9 @@ class Adapter:
 
     def _run(self) -> None:
         while not self._over.wait(0.5e-3):
-            if not self.served.lost:
+            if self._trouble is not None:
+                self.served.suffer(self._trouble)
+            elif not self.served.lost:
                 self.served.receive()
 
 
@@ -101,7 +108,7 @@ def test_errors_on_the_bus_are_asked_for(tmp_path):
 
 def test_an_adapter_that_is_pulled_out_is_a_lost_bus(tmp_path):
     with opened(settings_at(tmp_path / "a")) as (adapter, port):
-        adapter.served.suffer(Trouble.UNPLUGGED)
+        adapter.suffer(Trouble.UNPLUGGED)
         with pytest.raises(ConnectionFailedError, match="bus can0: lost"):
             until(lambda: False, port)
 
