@@ -50,6 +50,7 @@ class LoadCalibration:
     motion_delay_s: float | None = None  # from a position to its reading's arrival; None: as the torque's
     actuator_inertia_kgm2: float | None = None  # a first estimate; None: the controller allows for a wide range
     actuator_friction: ActuatorFriction | None = None  # with its inertia; None where either is not well known
+    position_jitter_s: float = 0.0  # standard deviation of how long an encoder's reading travels, the greater one's
     weight_nm: float = 0.0  # the greatest torque of an arm that hangs on the load
     # Of the load's parameters, as in NortonNetwork; empty where it is not known.
     covariance_names: tuple[str, ...] = ()

@@ -34,6 +34,7 @@ class SampledBench:
     command_delay_s: float
     torque_delay_s: float  # of the reading that a tick sees: transport and age
     position_delay_s: float
+    age_difference_s: float = 0.0  # by which readings of the actuator's position are older than those of the load's
     load_spring_nm_rad: float = 0.0  # the load's friction where it sticks: a spring and a damper
     load_damper_nms_rad: float = 0.0
     actuator_spring_nm_rad: float = 0.0  # and the actuator's
@@ -84,7 +85,7 @@ class SampledBench:
 
     def delays_s(self) -> tuple[float, float, float]:
         """Of the three outputs."""
-        return self.torque_delay_s, self.position_delay_s, self.position_delay_s
+        return self.torque_delay_s, self.position_delay_s, max(self.position_delay_s + self.age_difference_s, 0.0)
 
 
 def propagate(a: FloatArray, b: FloatArray, duration_s: float) -> tuple[FloatArray, FloatArray]:

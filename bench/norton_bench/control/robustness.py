@@ -9,7 +9,8 @@ from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.control.observer import WIDTH, Observer
 from norton_bench.control.regulator import STATES, VELOCITY, Regulator, SampledBench, look_back, sampled
 
-FREQUENCIES = np.geomspace(0.02, np.pi, 80)  # rad per tick
+# In rad per tick: from below where the gentlest feedback has its margins.
+FREQUENCIES = np.concatenate([np.geomspace(0.002, 0.02, 20, endpoint=False), np.geomspace(0.02, np.pi, 80)])
 # The sensor's resonance lies near or beyond half the loop's rate, where it is a sharp peak at a frequency that no
 # calibration can know (it is seen folded): it must be stable as it is, but the margins are those of a blunter peak.
 LEAST_DAMPING = 0.2

@@ -18,7 +18,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
-from norton_bench.identification.readings import nominal_period_s, resolution_rad
+from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
     Signals,
@@ -29,6 +29,7 @@ from norton_bench.identification.signals import (
     positions_of,
     signals,
     stream_of,
+    travel_s,
 )
 from norton_bench.identification.simulated_bench import (
     NO_ERRORS,
@@ -165,7 +166,7 @@ class Simulation:
             NO_ERRORS,
             NO_ERRORS,
             late_s,
-            _one_way_s(_travel_s(measured.motion), late_s),
+            _one_way_s(travel_s(measured.motion), late_s),
         )
 
     def _with_errors(self, count_rad: float) -> "Simulation":
@@ -257,17 +258,6 @@ class Simulation:
     def seen(self, truth: SimulatedStretch) -> npt.NDArray[np.int64]:
         """Which torque readings lie in a stretch."""
         return _within(self.torque.time_s, truth.stretch.time_s)
-
-
-def _travel_s(table: Table) -> FloatArray:
-    """How much longer than on average readings travelled [s], of those that came before the next was due.
-
-    Later ones were held up together by a host or an adapter that stood still: no command travels like that by chance.
-    """
-    origin_ns = int(table["arrival_ns"][0])
-    time_s, rows = instants(table, origin_ns)
-    late_s = (table["arrival_ns"][rows] - origin_ns) * 1e-9 - time_s
-    return np.asarray(late_s[late_s < nominal_period_s(table["arrival_ns"])])
 
 
 def _one_way_s(travel_s: FloatArray, late_s: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from norton_bench.identification.rows import Rows
 from norton_bench.identification.sanity_checks import LEFT_BY_A_GOOD_FIT
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.shape import STILL
-from norton_bench.identification.signals import Port, Signals, sent_at_s, signals
+from norton_bench.identification.signals import Port, Signals, sent_at_s, signals, travel_s
 from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured
 from norton_bench.segments import Use
@@ -50,6 +50,7 @@ class LoadFit:
     sensor_damping_std_nms_rad: float
     torque_bias_nm: float
     position_resolution_rad: float
+    position_jitter_s: float
     weight_nm: float = 0.0
 
 
@@ -61,8 +62,10 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     result = fit_machine(load, cleaned.findings)
     spring = _spring(load, actuator, result.motion_delay_s)
     # Of the coarser: a controller must not take the other's steps for a twist.
-    step_rad = max(resolution_rad(table["position_rad"]) for table in (measured.load_motion, measured.motion))
-    return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, weight_of(result))
+    both = measured.load_motion, measured.motion
+    step_rad = max(resolution_rad(table["position_rad"]) for table in both)
+    jitter_s = max(float(np.std(travel_s(table))) for table in both)
+    return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, jitter_s, weight_of(result))
 
 
 def _of_both(measured: Measured, tick_s: float, use: Use) -> tuple[tuple[Signals, ...], tuple[Signals, ...]]:

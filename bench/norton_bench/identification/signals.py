@@ -248,6 +248,17 @@ def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     return time_s[rows], rows
 
 
+def travel_s(table: Table) -> FloatArray:
+    """How much longer than on average readings travelled [s], of those that came before the next was due.
+
+    Later ones were held up together by a host or an adapter that stood still: no command travels like that by chance.
+    """
+    origin_ns = int(table["arrival_ns"][0])
+    time_s, rows = instants(table, origin_ns)
+    late_s = (table["arrival_ns"][rows] - origin_ns) * 1e-9 - time_s
+    return np.asarray(late_s[late_s < nominal_period_s(table["arrival_ns"])])
+
+
 def _common_spans(runs_s: Sequence[FloatArray]) -> list[Span]:
     """Where all of them, instants [s] in order, go on without a long silence."""
     spans = [(-np.inf, np.inf)]

@@ -149,6 +149,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
+        position_jitter_s=fit.position_jitter_s,
         actuator_inertia_kgm2=first_inertia_kgm2(actuator),
         actuator_friction=first_friction(actuator),
         weight_nm=fit.weight_nm,

@@ -270,3 +270,28 @@ def test_a_stiff_sensor_with_delays_of_several_ticks_has_an_observer() -> None:
     )
     tracking = design_tracking(calibration, TICK_S)
     assert holds_at_any_age(tracking.observer, nominal_bench(calibration, TICK_S).with_damping(1.0), TICK_S)
+
+
+# Seed 374 of ``benchmarks/wide_family.py``: a soft and noisy sensor, frames that travel unevenly by 0.2 ms.
+UNEVEN = LoadCalibration(
+    torque_gain=1.036, amplifier_bandwidth_rad_s=985.6, inertia_kgm2=2.474e-4, viscous_damping_nms_rad=7.32e-4,
+    coulomb_torque_nm=0.01163, presliding_stiffness_nm_rad=31.27, presliding_damping_nms_rad=0.00423,
+    command_delay_s=1.5993e-3, measurement_delay_s=0.0, motion_delay_s=-9.25e-4, sensor_stiffness_nm_rad=71.67,
+    sensor_damping_nms_rad=0.00956, torque_noise_nm=2.289e-3, torque_bias_nm=0.0, position_resolution_rad=9.587e-5,
+    position_jitter_s=2.0e-4, actuator_inertia_kgm2=1.1048e-4,
+    actuator_friction=ActuatorFriction(1.405e-3, 0.02719, 5.038, 0.00377),
+)  # fmt: skip
+
+
+def test_encoders_that_are_read_at_other_times_are_no_negative_damper() -> None:
+    """A twist in proportion to the velocity: the shaft oscillated at 2.4 Hz, and ran away from a slow reference."""
+    benches = tuple(design.unevenly_read(UNEVEN, TICK_S))
+    assert {bench.age_difference_s for bench in benches} == {2.0e-4, -2.0e-4}
+
+    def slowest(calibration: LoadCalibration) -> float:
+        tracking = design_tracking(calibration, TICK_S)
+        loop = tracking_control(tracking.observer, tracking.regulator)
+        return max(margins(bench, loop, TICK_S).radius for bench in benches)
+
+    assert slowest(replace(UNEVEN, position_jitter_s=0.0)) > 1.002  # grows by half in 0.2 s
+    assert slowest(UNEVEN) < 1.0
