@@ -232,8 +232,8 @@ def _unresolved(solution: Solution) -> tuple[str, ...]:
         return ()
     length_mrad = 1e3 / solution.shape.s_per_rad
     return (
-        f"The encoder does not resolve the presliding length of {length_mrad:.2g} mrad, which is {_counts(solution):.1f} "
-        "counts: presliding stiffness and damping depend on how counts are smoothed. Counts of "
+        f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {_counts(solution):.1f} counts: "
+        "presliding stiffness and damping depend on how counts are smoothed. Counts of "
         f"{length_mrad / FEWEST_COUNTS:.1g} mrad or finer would tell them.",
     )
 

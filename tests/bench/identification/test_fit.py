@@ -91,6 +91,16 @@ def test_a_current_in_coarse_steps_widens_its_interval_alone(short, result_of_sh
     assert coarse.estimate("torque_gain") == result_of_short.estimate("torque_gain")
 
 
+def test_a_contact_that_the_encoder_does_not_resolve_is_not_told(result_of_short):
+    """Steps of 0.1 degrees, as a CubeMars sends them: 1.2 to the way in which this friction builds up."""
+    coarse = fit(shortened(1, bench=Bench(counts=3600.0)), command_unit="N*m", tick_s=TICK_S, draws=0)
+    statuses = {name: coarse.estimate(name).status for name in NAMES}
+    untold = {"presliding_stiffness", "presliding_damping"}
+    assert {name for name, status in statuses.items() if status is Status.UNEXCITED} == untold
+    assert [sentence for sentence in coarse.verdict if "does not resolve a presliding length of 2" in sentence]
+    assert not [sentence for sentence in result_of_short.verdict if "does not resolve" in sentence]
+
+
 def test_coarse_counts_widen_the_intervals_of_friction(result_of_short):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
     measured = shortened(1, bench=Bench(counts=18_000.0))

@@ -48,6 +48,17 @@ def test_slow_motion_is_known_better_than_a_count():
     assert error < 0.6 * plain
 
 
+def test_turns_amid_coarse_counts_are_smoothed_as_far_as_chance_explains():
+    """Each count errs by 0.29 steps; a low-pass of 0.07 cycles a reading, which follows this motion, leaves 0.1."""
+    time_s = np.arange(8000) * 1e-3
+    step, errors = 7.7e-4, []
+    for phase in range(4):
+        angle = 0.05 * np.sin(2 * np.pi * 0.7 * time_s + phase) + 0.02 * np.sin(2 * np.pi * 1.9 * time_s + 2 * phase)
+        readings = read(angle, step) + step / 2
+        errors.append(np.std(unquantised(readings, step) - angle) / step)
+    assert np.mean(errors) < 0.125
+
+
 @pytest.mark.parametrize("spread", [0.02, 0.05, 0.2])
 def test_a_shaft_at_rest_on_an_edge_does_not_travel(spread):
     rng = np.random.default_rng(3)
