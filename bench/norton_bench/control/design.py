@@ -98,14 +98,11 @@ def unevenly_read(calibration: LoadCalibration, tick_s: float) -> Iterator[Sampl
     encoders; but of those that are due about when a tick looks, only the quick ones have come. Their mean delay is
     shorter by at most the standard deviation (0.8 of it for a normal distribution, 0.87 for a uniform one).
     """
-    if calibration.position_jitter_s > 0.0:
-        for inertia_kgm2 in (*_inertias(calibration), nominal_bench(calibration, tick_s).actuator_inertia_kgm2):
-            for difference_s in (calibration.position_jitter_s, -calibration.position_jitter_s):
-                yield replace(
-                    nominal_bench(calibration, tick_s),
-                    actuator_inertia_kgm2=inertia_kgm2,
-                    age_difference_s=difference_s,
-                )
+    bench, jitter_s = nominal_bench(calibration, tick_s), calibration.position_jitter_s
+    if jitter_s > 0.0:
+        inertias_kgm2 = (*_inertias(calibration), bench.actuator_inertia_kgm2)
+        for inertia_kgm2, difference_s in product(inertias_kgm2, (jitter_s, -jitter_s)):
+            yield replace(bench, actuator_inertia_kgm2=inertia_kgm2, age_difference_s=difference_s)
 
 
 def sticking_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
