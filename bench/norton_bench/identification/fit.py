@@ -234,7 +234,7 @@ def _unresolved(solution: Solution) -> tuple[str, ...]:
     return (
         f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {_counts(solution):.1f} counts: "
         "presliding stiffness and damping depend on how counts are smoothed. Counts of "
-        f"{length_mrad / FEWEST_COUNTS:.1g} mrad or finer would tell them.",
+        f"{length_mrad / FEWEST_COUNTS:.1g} mrad or finer would resolve them.",
     )
 
 
