@@ -230,7 +230,7 @@ def test_a_slow_torque_sensor_is_no_fault(imposed, every):
 
 BENCHES = {
     "cogging": Bench(cogging_nm=3e-3),
-    "4096 counts": Bench(counts=4096.0),
+    "16384 counts": Bench(counts=16384.0),
     "no clock of its own": Bench(device_clock=False),
     "much jitter": Bench(can_jitter_s=200e-6, serial_jitter_s=400e-6),
 }
