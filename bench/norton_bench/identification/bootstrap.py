@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
-from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
     Signals,

@@ -14,13 +14,8 @@ from scipy.ndimage import minimum_filter1d
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import standstill
-from norton_bench.identification.readings import (
-    LATE_READINGS,
-    SMALLEST_STEP_RAD,
-    nominal_period_s,
-    one_a_period,
-    sampled_at_s,
-)
+from norton_bench.identification.counts import SMALLEST_STEP_RAD
+from norton_bench.identification.readings import LATE_READINGS, nominal_period_s, one_a_period, sampled_at_s
 from norton_bench.identification.redundancy import (
     contradictions,
     in_order,

@@ -24,8 +24,8 @@ from norton_bench.identification.averages import (
     swept,
     torque_in,
 )
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.load import LoadFit, fit_load
-from norton_bench.identification.readings import resolution_rad
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
 

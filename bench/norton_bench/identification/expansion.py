@@ -14,10 +14,10 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.identification.counts import moving
 from norton_bench.identification.joint_regression import JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.motor_values import KNOWN, PHYSICAL
-from norton_bench.identification.readings import moving
 from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.results import FitResult, SensorZero
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, VISCOUS, Shape

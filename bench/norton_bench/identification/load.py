@@ -12,10 +12,10 @@ from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Rows

@@ -8,8 +8,8 @@ import numpy as np
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import COMMAND_DECIMALS, Mean, Setting
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
-from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.records import Measured
 

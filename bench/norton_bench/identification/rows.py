@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
+from norton_bench.identification.counts import REACH, unquantised
 from norton_bench.identification.fed_back import fed_back, fed_back_of, position_errors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.readings import REACH, unquantised
 from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import FINE, Signals, TimeSeries
 from norton_bench.models.terms import Factor

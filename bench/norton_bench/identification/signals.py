@@ -12,18 +12,10 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.counts import UNIFORM_DEVIATION, moving, resolution_rad, unquantised
 from norton_bench.identification.fed_back import near_limit
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
-from norton_bench.identification.readings import (
-    UNIFORM_DEVIATION,
-    moving,
-    noise_deviation,
-    nominal_period_s,
-    resolution_rad,
-    sampled_at_s,
-    taken_late_s,
-    unquantised,
-)
+from norton_bench.identification.readings import noise_deviation, nominal_period_s, sampled_at_s, taken_late_s
 from norton_bench.records import Measured, Table, has_device_clock, sent_ns
 from norton_bench.segments import Use
 from norton_drivers.servo import Servo

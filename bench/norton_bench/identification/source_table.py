@@ -17,7 +17,7 @@ from norton_bench.identification.averages import (
     torque_in,
     velocity_of,
 )
-from norton_bench.identification.readings import resolution_rad
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.records import Measured, SegmentInfo
 
 # The names of the procedure that measures it, and of its segments: "read actuator", "read external", then "leave".

@@ -13,7 +13,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.readings import noise_deviation, resolution_rad, unquantised
+from norton_bench.identification.counts import resolution_rad, unquantised
+from norton_bench.identification.readings import noise_deviation
 from norton_bench.identification.signals import INTERPOLATION, stream_of
 from norton_bench.records import Measured, SegmentInfo, Table
 

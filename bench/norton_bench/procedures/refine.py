@@ -11,6 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.cleaning import clean
+from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.expansion import (
     Linearised,
     deviations,
@@ -21,7 +22,6 @@ from norton_bench.identification.expansion import (
 )
 from norton_bench.identification.fit import fit
 from norton_bench.identification.load import coupling_of
-from norton_bench.identification.readings import resolution_rad
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
 from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates, travel_left_rad

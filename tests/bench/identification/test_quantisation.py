@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.identification.readings import resolution_rad, unquantised
+from norton_bench.identification.counts import resolution_rad, unquantised
 
 STEP = 2 * np.pi / 131072
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from norton_bench.identification import loops
+from norton_bench.identification.counts import unquantised
 from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.readings import unquantised
 from norton_bench.identification.rows import Rows, friction_error
 from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import FINE, TimeSeries
