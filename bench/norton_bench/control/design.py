@@ -87,21 +87,20 @@ def nominal_bench(calibration: LoadCalibration, tick_s: float) -> SampledBench:
 def sliding_benches(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """Both contacts slide; the actuator's inertia is not well known."""
     bench = nominal_bench(calibration, tick_s)
-    return of_inertias(bench, (*_inertias(calibration), bench.actuator_inertia_kgm2), tick_s)
+    return of_inertias(bench, _likely_inertias(calibration, bench), tick_s)
 
 
 def unevenly_read(calibration: LoadCalibration, tick_s: float) -> Iterator[SampledBench]:
     """One encoder's readings are older than the other's, though they arrive at the same time: the shaft then seems
     twisted in proportion to its velocity, which acts as a damper, or as a negative one.
 
-    Readings that travel unevenly are taken for older or younger than they are. On average that is the same for both
-    encoders; but of those that are due about when a tick looks, only the quick ones have come. Their mean delay is
-    shorter by at most the standard deviation (0.8 of it for a normal distribution, 0.87 for a uniform one).
+    Of readings that are due about when a tick looks, only those that travelled quickly have come. The mean age of what
+    ticks see is off by up to 0.43 standard deviations of the travel time then (for uniform delays; 0.4 for normal
+    ones), either way, and for each encoder by itself: their difference is within one standard deviation.
     """
     bench, jitter_s = nominal_bench(calibration, tick_s), calibration.position_jitter_s
     if jitter_s > 0.0:
-        inertias_kgm2 = (*_inertias(calibration), bench.actuator_inertia_kgm2)
-        for inertia_kgm2, difference_s in product(inertias_kgm2, (jitter_s, -jitter_s)):
+        for inertia_kgm2, difference_s in product(_likely_inertias(calibration, bench), (jitter_s, -jitter_s)):
             yield replace(bench, actuator_inertia_kgm2=inertia_kgm2, age_difference_s=difference_s)
 
 
@@ -289,6 +288,11 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
         (calibration.inertia_kgm2, UNKNOWN_INERTIA) if estimate is None else (estimate, ESTIMATED_INERTIA)
     )
     return base * low, base * high
+
+
+def _likely_inertias(calibration: LoadCalibration, bench: SampledBench) -> tuple[float, float, float]:
+    """The actuator's: lightest, heaviest, nominal."""
+    return (*_inertias(calibration), bench.actuator_inertia_kgm2)
 
 
 def of_inertias(bench: SampledBench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[SampledBench]:

@@ -29,7 +29,7 @@ from norton_bench.identification.signals import (
     positions_of,
     signals,
     stream_of,
-    travel_s,
+    travel_times_s,
 )
 from norton_bench.identification.simulated_bench import (
     NO_ERRORS,
@@ -166,7 +166,7 @@ class Simulation:
             NO_ERRORS,
             NO_ERRORS,
             late_s,
-            _one_way_s(travel_s(measured.motion), late_s),
+            _one_way_s(travel_times_s(measured.motion), late_s),
         )
 
     def _with_errors(self, count_rad: float) -> "Simulation":

@@ -220,19 +220,19 @@ def result_of(
     )
 
 
-def _counts(solution: Solution) -> float:
-    """Of the encoder in the presliding length."""
-    count_rad = max(rows.signals.count_rad for rows in solution.regression.rows)
+def _presliding_counts(solution: Solution) -> float:
+    """How many encoder counts the presliding length is."""
+    count_rad = solution.regression.count_rad
     return float("inf") if count_rad == 0.0 else 1.0 / (solution.shape.s_per_rad * count_rad)
 
 
 def _unresolved(solution: Solution) -> tuple[str, ...]:
     """A sentence on a presliding length that the encoder does not resolve; none where it does."""
-    if _counts(solution) >= FEWEST_COUNTS:
+    counts, length_mrad = _presliding_counts(solution), 1e3 / solution.shape.s_per_rad
+    if counts >= FEWEST_COUNTS:
         return ()
-    length_mrad = 1e3 / solution.shape.s_per_rad
     return (
-        f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {_counts(solution):.1f} counts: "
+        f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {counts:.1f} counts: "
         "presliding stiffness and damping depend on how counts are smoothed. Counts of "
         f"{length_mrad / FEWEST_COUNTS:.1g} mrad or finer would resolve them.",
     )
@@ -342,7 +342,7 @@ def _status(solution: Solution, at_bound: set[str], name: str, value: float, dev
         return Status.NOT_CONVERGED
     if name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
         return Status.AT_BOUND
-    if name in PRESLIDING and _counts(solution) < FEWEST_COUNTS:
+    if name in PRESLIDING and _presliding_counts(solution) < FEWEST_COUNTS:
         return Status.UNEXCITED
     known = deviation <= LOOSE_BEYOND * abs(value) or (name == "torque_gain" and solution.free_motion)
     return Status.VALID if known else Status.UNEXCITED

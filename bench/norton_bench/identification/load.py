@@ -22,7 +22,7 @@ from norton_bench.identification.rows import Rows
 from norton_bench.identification.sanity_checks import LEFT_BY_A_GOOD_FIT
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.shape import STILL
-from norton_bench.identification.signals import Port, Signals, sent_at_s, signals, travel_s
+from norton_bench.identification.signals import Port, Signals, sent_at_s, signals, travel_times_s
 from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured
 from norton_bench.segments import Use
@@ -64,7 +64,7 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     # Of the coarser: a controller must not take the other's steps for a twist.
     both = measured.load_motion, measured.motion
     step_rad = max(resolution_rad(table["position_rad"]) for table in both)
-    jitter_s = max(float(np.std(travel_s(table))) for table in both)
+    jitter_s = max(float(np.std(travel_times_s(table))) for table in both)
     return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, jitter_s, weight_of(result))
 
 

@@ -126,6 +126,11 @@ class Regression:
         return replace(self, rows=rows, scales=sizes)
 
     @property
+    def count_rad(self) -> float:
+        """The greatest step in which positions are read; 0 where none can be seen."""
+        return max(rows.signals.count_rad for rows in self.rows)
+
+    @property
     def middle_s(self) -> float:
         """Of the time that all stretches span."""
         times_s = [rows.signals.time_s[[0, -1]] for rows in self.rows]
@@ -170,13 +175,12 @@ class Regression:
 
         ``coulomb`` and ``residual`` (samples,) as found at ``shape``; rows near turns have the weights of ``like``.
         """
-        count_rad = max(rows.signals.count_rad for rows in self.rows)
-        if count_rad == 0.0:
+        if self.count_rad == 0.0:
             return self
         reach = self.rows[0].kernel.half_width
         turns = Turns.joined([Turns.of(rows.signals, shape.s_per_rad, reach).at(rows.usable) for rows in self.rows])
         known_again = np.flatnonzero(np.diff(self._rest, prepend=-1))
-        width = abs(coulomb) * count_rad / np.sqrt(self.alike * np.mean(residual**2))
+        width = abs(coulomb) * self.count_rad / np.sqrt(self.alike * np.mean(residual**2))
         found = Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width)
         weighed = found.weighed(turns.near, residual) if like is None else found.weighed_by(turns.near, like.wider)
         return replace(self, whitening=weighed)

@@ -240,7 +240,7 @@ def instants(table: Table, origin_ns: int) -> tuple[FloatArray, IntArray]:
     return time_s[rows], rows
 
 
-def travel_s(table: Table) -> FloatArray:
+def travel_times_s(table: Table) -> FloatArray:
     """How much longer than on average readings travelled [s], of those that came before the next was due.
 
     Later ones were held up together by a host or an adapter that stood still: no command travels like that by chance.

@@ -295,3 +295,24 @@ def test_encoders_that_are_read_at_other_times_are_no_negative_damper() -> None:
 
     assert slowest(replace(UNEVEN, position_jitter_s=0.0)) > 1.002  # grows by half in 0.2 s
     assert slowest(UNEVEN) < 1.0
+
+
+def test_what_is_held_to_a_path_may_not_grow_however_slowly() -> None:
+    """By 0.04 % a tick, e-fold in 2.4 s: common drift of both shafts would be let pass, and here nothing drifts."""
+    calibration = replace(UNEVEN, position_jitter_s=0.0)
+    tracking = design_tracking(calibration, TICK_S)
+    loop = tracking_control(tracking.observer, tracking.regulator)
+    nominal = nominal_bench(calibration, TICK_S)
+    growing = replace(nominal, age_difference_s=-76e-6)
+    assert margins(growing, loop, TICK_S).stable
+    assert design._worst(loop, (nominal,), np.inf, TICK_S) < design.TRACKING_SENSITIVITY
+    assert design._worst(loop, (nominal, growing), np.inf, TICK_S) == np.inf
+
+
+def test_margins_are_looked_at_where_the_gentlest_feedback_has_them() -> None:
+    """At 2.4 Hz, below 0.02 rad a tick, where usual gains have none."""
+    calibration = replace(UNEVEN, position_jitter_s=0.0)
+    tracking = design_tracking(calibration, TICK_S)
+    loop = tracking_control(tracking.observer, tracking.regulator)
+    slow = replace(nominal_bench(calibration, TICK_S), age_difference_s=-68e-6)
+    assert margins(slow, loop, TICK_S).sensitivity > design.TRACKING_SENSITIVITY
