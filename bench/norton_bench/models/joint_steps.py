@@ -23,8 +23,11 @@ MotorValues = tuple[float, float, float, float, float, float, float]
 # k [N m/rad], d [N m s/rad], J [kg m²], half of the play [rad]
 JointValues = tuple[float, float, float, float]
 
+# As network_steps.INLINED.
+INLINED = njit(cache=True, nogil=True, error_model="numpy", inline="always")
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@INLINED
 def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     """τ_j [N m] of a joint deflected by ``deflection`` [rad], which changes at ``rate`` [rad/s]."""
     stiffness, damper, _, half = joint
@@ -34,7 +37,7 @@ def joint_torque(joint: JointValues, deflection: float, rate: float) -> float:
     return stiffness * beyond + damper * rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def own_torque(
     motor: MotorValues,
     row: FloatArray,
@@ -60,7 +63,7 @@ def own_torque(
     return driving(row, waves, drive, torque_gain, angle) - damped - held
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def contact_after(
     motor: MotorValues,
     row: FloatArray,
@@ -126,7 +129,7 @@ def behind(
     return output
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def _carry_on(
     state: FloatArray,
     port: tuple[float, float, float, float],
@@ -164,7 +167,7 @@ def _carry_on(
     state[1] = velocity + h / 6.0 * total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def _slope(position: FloatArray, k: int, step_s: float) -> float:
     """The velocity at a sample [rad/s], of a cubic through its neighbours."""
     last = position.size - 1
@@ -175,7 +178,7 @@ def _slope(position: FloatArray, k: int, step_s: float) -> float:
     return float((position[high] - position[low]) / (max(high - low, 1) * step_s))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@INLINED
 def _between(port: tuple[float, float, float, float], step_s: float, share: float) -> tuple[float, float]:
     """Angle and velocity a ``share`` of a step after a sample: ``port`` is the angle there, the way to the next sample,
     and the velocities at both, of the cubic through them."""

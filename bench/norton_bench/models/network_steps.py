@@ -23,8 +23,11 @@ from norton_bench.models.terms import (
     STRIBECK_VELOCITY,
 )
 
+# What an integration calls at each of its stages: where it is called, it costs a quarter less than as a function.
+INLINED = njit(cache=True, nogil=True, inline="always")
 
-@njit(cache=True, nogil=True)
+
+@INLINED
 def strength(row: FloatArray, velocity: float, angle: float, port_nm: float) -> float:
     """γ, of the Coulomb torque."""
     value = 1.0
@@ -41,7 +44,7 @@ def strength(row: FloatArray, velocity: float, angle: float, port_nm: float) -> 
     return float(max(value, LEAST_STRENGTH))
 
 
-@njit(cache=True, nogil=True)
+@INLINED
 def gain(row: FloatArray, lagged: float, angle: float) -> float:
     """g, of the torque gain; ``lagged`` is the command behind the amplifier's lag."""
     value = 1.0
@@ -51,13 +54,13 @@ def gain(row: FloatArray, lagged: float, angle: float) -> float:
     return float(value / (1.0 + row[SATURATION] * lagged * lagged))
 
 
-@njit(cache=True, nogil=True)
+@INLINED
 def damping(row: FloatArray, velocity: float) -> float:
     """b, of the viscous damping."""
     return float(1.0 + row[DRAG] * abs(velocity))
 
 
-@njit(cache=True, nogil=True)
+@INLINED
 def position_torque(waves: FloatArray, angle: float) -> float:
     """τ(θ) [N m] of ``waves`` (waves, 3)."""
     value = 0.0
@@ -67,7 +70,7 @@ def position_torque(waves: FloatArray, angle: float) -> float:
     return value
 
 
-@njit(cache=True, nogil=True)
+@INLINED
 def driving(row: FloatArray, waves: FloatArray, motor_nm: float, torque_gain: float, angle: float) -> float:
     """What the motor and the angle drive the shaft with [N m]; ``motor_nm`` is the motor's torque without terms."""
     return float(gain(row, motor_nm / torque_gain, angle) * motor_nm + position_torque(waves, angle))
@@ -96,7 +99,7 @@ NEWTON_STEPS = 30
 VELOCITY_TOLERANCE = 1e-10
 
 
-@njit(cache=True, nogil=True)
+@INLINED
 def dahl_flow(phi: float, displacement: float, s: float) -> float:
     """The Dahl state after a displacement [rad], exactly."""
     if displacement > 0.0:
@@ -126,9 +129,17 @@ def mean_velocity(
     low = free - friction_bound / (inertial + viscous)
     high = free + friction_bound / (inertial + viscous)
     guess = min(max(velocity, low), high)
+    asymptote = 1.0 / s
     for _ in range(NEWTON_STEPS):
         displacement = guess * step_s
-        after = dahl_flow(phi, displacement, s)
+        # As dahl_flow, whose exponential is the compliance's too.
+        retained = exp(-s * abs(displacement))
+        if displacement > 0.0:
+            after = asymptote + (phi - asymptote) * retained
+        elif displacement < 0.0:
+            after = -asymptote + (phi + asymptote) * retained
+        else:
+            after = phi
         friction = 0.5 * sigma_0 * (phi + after) + sigma_1 * (after - phi) / step_s
         balance = inertial * (guess - velocity) + viscous * guess + friction - torque
         if balance > 0.0:
@@ -136,14 +147,14 @@ def mean_velocity(
         else:
             low = guess
         side = 1.0 if displacement > 0.0 or (displacement == 0.0 and balance < 0.0) else -1.0
-        compliance = (1.0 - side * s * phi) * exp(-s * abs(displacement))
+        compliance = (1.0 - side * s * phi) * retained
         slope = inertial + viscous + (0.5 * sigma_0 * step_s + sigma_1) * compliance
         step = balance / slope
         following = guess - step
+        if abs(step) < VELOCITY_TOLERANCE:
+            return following  # before the bracket is asked, an end of which the root itself has become
         if following <= low or following >= high:
             following = 0.5 * (low + high)
-        if abs(following - guess) < VELOCITY_TOLERANCE:
-            return following
         guess = following
     return guess
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.network_steps import dahl_flow
+from norton_bench.models.network_steps import VELOCITY_TOLERANCE, dahl_flow, mean_velocity
 from norton_bench.models.parameters import DahlMotor, PredictionError
 
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
@@ -101,6 +101,26 @@ def test_friction_is_bounded_and_minds_the_path_alone(fraction, displacements, s
         halves = dahl_flow(dahl_flow(halves, displacement / 2, s), displacement / 2, s)
         assert abs(phi) * s <= 1 + 1e-12
     assert phi == pytest.approx(halves, abs=1e-9 / s)
+
+
+@given(
+    torque=st.floats(-0.2, 0.2),
+    velocity=st.floats(-100.0, 100.0),
+    share=st.floats(-1.0, 1.0),
+    step_s=st.sampled_from([1e-5, 1e-4, 1e-3]),
+    sigma_1=st.sampled_from([0.0, 0.01]),
+)
+def test_the_mean_velocity_of_a_step_balances_its_momentum(torque, velocity, share, step_s, sigma_1):
+    """From any state: a search that has come upon the root itself does not leave it again."""
+    inertia, viscous, s, sigma_0 = 5e-5, 1e-3, 500.0, 10.0
+    phi = share / s
+    mean = mean_velocity(torque, velocity, phi, step_s, inertia, viscous, s, sigma_0, sigma_1)
+    after = dahl_flow(phi, mean * step_s, s)
+    friction = 0.5 * sigma_0 * (phi + after) + sigma_1 * (after - phi) / step_s
+    inertial = 2.0 * inertia / step_s
+    left = inertial * (mean - velocity) + viscous * mean + friction - torque
+    # What rounding leaves of the largest of its terms, besides.
+    assert abs(left) <= (inertial + viscous) * VELOCITY_TOLERANCE + 1e-14 * inertial * (abs(mean) + abs(velocity) + 1.0)
 
 
 @given(st.floats(1e-5, 1e-3), st.floats(0.001, 0.2), st.floats(1.0, 1000.0), st.floats(0.0, 0.05))
