@@ -235,7 +235,7 @@ class Simulation:
         travel_s = random.choice(self.travel_s, truth.stretch.sent_s.size)
         if averaging_s := truth.stretch.torque_averaging_s:
             time_s = time_s + averaging_s * random.uniform(-0.5, 0.5, time_s.size)
-        torque_nm = np.asarray(truth.torque(self.solution, travel_s)(time_s))
+        torque_nm = truth.torque(self.solution, travel_s)(time_s)
         if coupling is None:
             return torque_nm
         return torque_nm + self.driving(truth, coupling, travel_s).ringing_at(time_s, coupling)

@@ -11,6 +11,14 @@ from norton_bench.arrays import FloatArray, IntArray
 SUM_IN_ANY_ORDER = {"reassoc", "contract"}
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _looked_up(table: FloatArray, point: float) -> float:
+    """A kernel in a table, at so many points from its middle."""
+    at = min(abs(point), table.size - 2.0)
+    index = int(at)
+    return float(table[index] + (at - index) * (table[index + 1] - table[index]))
+
+
 @njit(cache=True, nogil=True)
 def resample(
     times: FloatArray, values: FloatArray, period: float, grid: FloatArray, table: FloatArray, per_unit: int
@@ -32,12 +40,42 @@ def resample(
         reference = values[first]
         total, weighted = 0.0, 0.0
         for i in range(first, after):
-            at = min(abs(times[i] - grid[k]) * points_s, table.size - 2.0)
-            index = int(at)
-            weight = table[index] + (at - index) * (table[index + 1] - table[index])
+            weight = _looked_up(table, (times[i] - grid[k]) * points_s)
             total += weight
             weighted += weight * (values[i] - reference)
         output[k] = reference + weighted / total if total > 0.2 else np.nan
+    return output
+
+
+@njit(cache=True, nogil=True)
+def resample_both(
+    times: FloatArray,
+    values: FloatArray,
+    others: FloatArray,
+    period: float,
+    grid: FloatArray,
+    table: FloatArray,
+    per_unit: int,
+) -> FloatArray:
+    """The same of two streams read at the same instants, (2, grid), in little more time than of one."""
+    points_s = per_unit / period
+    reach_s = (table.size - 2) / points_s
+    output = np.empty((2, grid.size))
+    first, after = 0, 0
+    for k in range(grid.size):
+        while first < times.size - 1 and times[first] < grid[k] - reach_s:
+            first += 1
+        while after < times.size and times[after] <= grid[k] + reach_s:
+            after += 1
+        reference, other = values[first], others[first]
+        total, weighted, of_others = 0.0, 0.0, 0.0
+        for i in range(first, after):
+            weight = _looked_up(table, (times[i] - grid[k]) * points_s)
+            total += weight
+            weighted += weight * (values[i] - reference)
+            of_others += weight * (others[i] - other)
+        output[0, k] = reference + weighted / total if total > 0.2 else np.nan
+        output[1, k] = other + of_others / total if total > 0.2 else np.nan
     return output
 
 

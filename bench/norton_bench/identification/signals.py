@@ -156,6 +156,13 @@ class TimeSeries:
         table = INTERPOLATION.table()
         return np.asarray(loops.resample(time_s, value, self.period_s, grid_s, table, TABLE_PER_UNIT))
 
+    def both_at(self, other: "TimeSeries", grid_s: FloatArray) -> FloatArray:
+        """The same, and another one whose readings were taken at the same instants, (2, n)."""
+        from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
+
+        (time_s, value), (_, of_other), table = self._filled(), other._filled(), INTERPOLATION.table()
+        return np.asarray(loops.resample_both(time_s, value, of_other, self.period_s, grid_s, table, TABLE_PER_UNIT))
+
     def _filled(self) -> tuple[FloatArray, FloatArray]:
         steps = np.diff(self.time_s)
         gaps = np.flatnonzero((steps > LONGEST_STEP * self.period_s) & (steps < LONGEST_GAP_S))
@@ -278,6 +285,7 @@ def _stretch(
     sent_s, command = _sent(measured, port, origin_ns, (start_s, end_s))
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
+    position_rad, path_rad = streams["position"].both_at(streams["path"], fine_s)
     servo = measured.chain.servo if port is Port.ACTUATOR else None
     if servo is not None:
         usable &= _below_limit(servo, streams["path"].at(time_s), time_s, sent_s, command)
@@ -285,8 +293,8 @@ def _stretch(
         tick_s=tick_s,
         origin_ns=origin_ns,
         time_s=time_s,
-        position_rad=streams["position"].at(fine_s),
-        path_rad=streams["path"].at(fine_s),
+        position_rad=position_rad,
+        path_rad=path_rad,
         sent_s=sent_s,
         command=command,
         segment=segment,

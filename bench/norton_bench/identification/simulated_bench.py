@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.ndimage import map_coordinates, spline_filter1d
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
@@ -101,6 +102,25 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
+class EvenSpline:
+    """A cubic spline through values on an even grid, which takes a tenth of the time of one on any grid. At its ends it
+    goes on as if mirrored."""
+
+    start_s: float
+    step_s: float
+    coefficients: FloatArray
+
+    @classmethod
+    def of(cls, time_s: FloatArray, values: FloatArray) -> "EvenSpline":
+        coefficients = np.asarray(spline_filter1d(values, order=3, mode="mirror"), dtype=np.float64)
+        return cls(float(time_s[0]), float(time_s[-1] - time_s[0]) / (time_s.size - 1), coefficients)
+
+    def __call__(self, at_s: FloatArray) -> FloatArray:
+        steps = (at_s - self.start_s) / self.step_s
+        return np.asarray(map_coordinates(self.coefficients, steps[None, :], order=3, mode="mirror", prefilter=False))
+
+
+@dataclass(frozen=True)
 class SimulatedStretch:
     """One stretch as if the fit were true: its motion, and the torque under that motion without a command.
 
@@ -138,13 +158,13 @@ class SimulatedStretch:
             torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
         return cls(stretch, motion, time_s, torque)
 
-    def torque(self, solution: Solution, travel_s: FloatArray) -> BSpline:
+    def torque(self, solution: Solution, travel_s: FloatArray) -> EvenSpline:
         """At the port in PORT's band, on the torque's clock, where each command travelled longer than usual by
         ``travel_s`` (m,)."""
         motor_nm = self.motor(solution, travel_s, self.time_s)
         of_means = not isinstance(solution.regression, JointRegression)
         torque = self._passive_in_band_nm + _filtered(motor_nm, PORT, of_means=of_means)
-        return make_interp_spline(self.time_s, torque, k=3)
+        return EvenSpline.of(self.time_s, torque)
 
     def motor(self, solution: Solution, travel_s: FloatArray, at_s: FloatArray) -> FloatArray:
         """What drives the output, behind the amplifier's lag and the joint if there is one, on an even grid: (n,)."""

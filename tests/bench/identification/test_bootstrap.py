@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from norton_bench.identification.bootstrap import NORMAL_95, Readings, Scatter, Simulation, scatter_of
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.motor_values import PHYSICAL, physical
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
-from norton_bench.identification.simulated_bench import ReadingErrors
+from norton_bench.identification.simulated_bench import EvenSpline, ReadingErrors
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
@@ -33,6 +34,13 @@ def test_errors_of_readings_are_told_from_the_readings(noise: float, step: float
     # 600 blocks tell each variance to 6 %; a shock-proof median of a hundred squares adds 2 % of bias.
     assert found.noise == pytest.approx(noise, rel=0.1, abs=2e-5)
     assert found.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=3e-6)
+
+
+def test_a_spline_on_an_even_grid_is_the_interpolating_one() -> None:
+    """What its ends are taken for is forgotten within each step by a factor of 3.7."""
+    time_s, random = 7.0 + np.arange(2_000) * TICK_S, np.random.default_rng(2)
+    values, at_s = random.standard_normal(time_s.size), np.sort(random.uniform(time_s[40], time_s[-40], 5_000))
+    assert EvenSpline.of(time_s, values)(at_s) == pytest.approx(make_interp_spline(time_s, values, k=3)(at_s), abs=1e-9)
 
 
 def test_readings_have_the_errors_that_they_are_given() -> None:

@@ -59,6 +59,15 @@ def test_resampling_keeps_what_is_below_a_quarter_of_the_rate():
         assert np.max(np.abs(found - 1e3 - np.sin(2 * np.pi * frequency * grid))) < 2e-3
 
 
+def test_two_streams_are_resampled_as_each_alone():
+    random, grid = np.random.default_rng(1), np.arange(1600) * 0.25e-3
+    times = np.sort(np.arange(400) * 1e-3 + 1e-4 * random.standard_normal(400))
+    values, others = random.standard_normal((2, 400))
+    how = (1e-3, grid, INTERPOLATION.table(), TABLE_PER_UNIT)
+    both = loops.resample_both(times, values, others, *how)
+    assert np.array_equal(both, [loops.resample(times, each, *how) for each in (values, others)], equal_nan=True)
+
+
 @pytest.mark.parametrize("derivative", [0, 1, 2, 3])
 def test_every_derivative_of_a_cubic_is_exact(derivative: int):
     kernel, shift = Kernel(0.18, 8.0), 0.3
