@@ -13,10 +13,11 @@ NOTHING_DEPARTS = Departs()
 PART_NS = 100_000_000
 
 
-def feed(identifier, measured):
-    """The estimate after each part of 100 ms."""
+def feed(identifier, measured, part_s=1e-9 * PART_NS):
+    """The estimate after each part. A part causes one fit at most: longer ones are for tests of later estimates."""
     start, end = int(measured.ticks["tick_ns"][0]), int(measured.ticks["tick_ns"][-1])
-    return [identifier.update(measured.between(at, at + PART_NS)) for at in range(start, end, PART_NS)]
+    part_ns = round(part_s * 1e9)
+    return [identifier.update(measured.between(at, at + part_ns)) for at in range(start, end, part_ns)]
 
 
 def exciting(plan, rng, duration_s):

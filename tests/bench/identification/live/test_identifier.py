@@ -16,11 +16,29 @@ from tests.bench.identification.synthetic import NAMES, TICK_S, Departs, Truth
 
 # Before and after the deviations were worked out once more.
 SEARCHED_S, TRACKED_S = 12.0, 26.0
+# Each part of this length causes a fit of all so far.
+LONG_S = 10.0
+# One that ends soon after either: with what tells something, and a few seconds more.
+LONGER_S = 16.0
 
 
 @pytest.fixture(scope="module")
 def history(experiment):
-    return feed(LiveIdentifier("N*m", TICK_S), experiment)
+    """In short parts as long as nothing may be concluded, then in long ones."""
+    identifier, imposed_ns = LiveIdentifier("N*m", TICK_S), blocked_ns(experiment)
+    before = experiment.between(int(experiment.ticks["tick_ns"][0]), imposed_ns)
+    after = experiment.between(imposed_ns, int(experiment.ticks["tick_ns"][-1]) + 1)
+    return feed(identifier, before) + feed(identifier, after, 2 * LONG_S)
+
+
+def blocked_ns(experiment):
+    """When motion is first imposed."""
+    return next(segment.start_ns for segment in experiment.segments if segment.procedure == "blocked")
+
+
+@pytest.fixture(scope="module")
+def excited():
+    return exciting_for(20.0)
 
 
 def test_all_is_found_from_nothing(history):
@@ -34,8 +52,7 @@ def test_all_is_found_from_nothing(history):
 
 def test_a_network_comes_only_with_imposed_motion(experiment, history):
     """The free experiment sets no scale: not one network before motion is imposed."""
-    imposed_ns = next(s.start_ns for s in experiment.segments if s.procedure == "blocked")
-    assert all(state.network is None for state in history if state.stamp_ns < imposed_ns)
+    assert all(state.network is None for state in history if state.stamp_ns < blocked_ns(experiment))
     assert history[0].estimates == ()
 
 
@@ -48,7 +65,7 @@ def test_without_torque_there_are_ratios_alone(without_torque):
     start_ns = int(without_torque.ticks["tick_ns"][0])
     seen = without_torque.between(start_ns, start_ns + 45 * 10**9)
     assert {"free", "blocked", "imposed"} <= {segment.procedure for segment in seen.segments}
-    history = feed(LiveIdentifier("N*m", TICK_S), seen)
+    history = feed(LiveIdentifier("N*m", TICK_S), seen, LONG_S)
     assert all(state.network is None for state in history)
     free = at(history, without_torque, 20.0)
     assert free["inertia"].status is Status.RATIO_ONLY
@@ -79,7 +96,7 @@ def at(history, measured, time_s):
 )
 def test_data_that_say_nothing_of_a_parameter_neither_move_nor_sharpen_it(kind, excited_s, untold):
     measured = exciting_then(kind, excited_s, 20.0)
-    history = feed(LiveIdentifier("N*m", TICK_S), measured)
+    history = feed(LiveIdentifier("N*m", TICK_S), measured, LONGER_S)
     # The first fit that has seen all of what tells something, and the last one.
     before, after = at(history, measured, excited_s + LATEST_S), at(history, measured, np.inf)
     for name in untold:
@@ -93,7 +110,7 @@ def test_data_that_say_nothing_of_a_parameter_neither_move_nor_sharpen_it(kind, 
 
 def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
     measured = exciting_then("one speed", SEARCHED_S, 20.0)
-    history = feed(LiveIdentifier("N*m", TICK_S), measured)
+    history = feed(LiveIdentifier("N*m", TICK_S), measured, LONGER_S)
     before, after = at(history, measured, SEARCHED_S + LATEST_S)["inertia"], at(history, measured, np.inf)["inertia"]
     assert abs(after.value - before.value) < 2.0 * before.std  # six draws know a deviation to within 30 %
     assert abs(after.value - Truth().inertia) < 3 * after.std
@@ -101,7 +118,7 @@ def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
 
 def test_slow_drift_is_followed_and_the_rest_stays():
     measured = drifting(exciting_for(100.0), damping_share=0.3, coulomb_share=0.2)
-    history = feed(LiveIdentifier("N*m", TICK_S), measured)
+    history = feed(LiveIdentifier("N*m", TICK_S), measured, 2 * LONG_S)
     changed = {"viscous_damping": 1.3, "coulomb_torque": 1.2, "presliding_stiffness": 1.2}
     for estimate in history[-1].estimates:
         truth = getattr(Truth(), estimate.name) * changed.get(estimate.name, 1.0)
@@ -137,9 +154,9 @@ def spoilt(part, how, rng):
 
 
 @pytest.mark.parametrize("how", ["not a number", "spikes", "garbage", "stamps", "later", "nothing"])
-def test_bad_parts_never_poison(how):
+def test_bad_parts_never_poison(excited, how):
     """From the very first on, and again when everything is known."""
-    measured, rng = exciting_for(20.0), np.random.default_rng(3)
+    measured, rng = excited, np.random.default_rng(3)
     identifier = LiveIdentifier("N*m", TICK_S)
     start, end = int(measured.ticks["tick_ns"][0]), int(measured.ticks["tick_ns"][-1])
     for number, at_ns in enumerate(range(start, end, PART_NS)):
@@ -158,7 +175,7 @@ def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_sessio
     """Friction that is 30 % greater at rest: half a minute of unlike motions is enough to tell it from all else."""
     measured = synthetic.experiment(seed=4, bench=synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
     start_ns = int(measured.ticks["tick_ns"][0])
-    last = feed(LiveIdentifier("N*m", TICK_S), measured.between(start_ns, start_ns + 27_000_000_000))[-1]
+    last = feed(LiveIdentifier("N*m", TICK_S), measured.between(start_ns, start_ns + 27_000_000_000), LONG_S)[-1]
     coulomb = Truth().coulomb_torque
     true = {"coulomb_torque": 0.7 * coulomb, "stribeck_torque": 0.3 * coulomb, "stribeck_velocity": 5.0}
     assert [term.name for term in last.network.relative_terms] == ["stribeck"]
@@ -170,25 +187,24 @@ def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_sessio
 
 def test_one_motion_does_not_tell_what_is_missing_but_that_something_is():
     measured = exciting_for(20.0, departs=Departs(stribeck_drop=0.3))
-    last = feed(LiveIdentifier("N*m", TICK_S), measured)[-1]
+    last = feed(LiveIdentifier("N*m", TICK_S), measured, LONG_S)[-1]
     assert last.network is None
     assert {estimate.status for estimate in last.estimates} == {Status.INADEQUATE}
 
 
-def test_a_clock_set_back_is_survived(experiment):
-    whole = exciting_for(20.0)
+def test_a_clock_set_back_is_survived(excited):
     identifier = LiveIdentifier("N*m", TICK_S)
-    first = feed(identifier, whole)[-1]
-    again = feed(identifier, whole)[-1]
+    first = feed(identifier, excited, LONG_S)[-1]
+    again = feed(identifier, excited, LONG_S)[-1]
     assert again.estimates == first.estimates
 
 
-def test_another_machine_is_found_anew():
+def test_another_machine_is_found_anew(excited):
     """What fits nothing known any more, for seconds, is not averaged with what was."""
-    first, second = exciting_for(20.0, 1), drifting(exciting_for(20.0, 2), 2.0, 2.0, from_s=-1e9)
+    second = drifting(exciting_for(20.0, 2), 2.0, 2.0, from_s=-1e9)
     identifier = LiveIdentifier("N*m", TICK_S)
-    feed(identifier, first)
-    last = feed(identifier, second)[-1]
+    feed(identifier, excited, LONG_S)
+    last = feed(identifier, second, LONG_S)[-1]
     for name, factor in (("viscous_damping", 3.0), ("coulomb_torque", 3.0), ("inertia", 1.0), ("torque_gain", 1.0)):
         value = next(estimate.value for estimate in last.estimates if estimate.name == name)
         assert value == pytest.approx(factor * getattr(Truth(), name), rel=0.03)
