@@ -23,5 +23,5 @@ FEWER = {
 
 
 def measured(name: str, seed: int) -> PaperExperiment:
-    """Through frames and bytes, at half the rate: half a minute of bench time."""
+    """Through frames and bytes, at half the rate: one to two minutes of bench time."""
     return measure(name, half_rate(CATALOGUE[name].rig), seed, FEWER.get(name))

@@ -118,7 +118,7 @@ def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
 
 def test_slow_drift_is_followed_and_the_rest_stays():
     measured = drifting(exciting_for(100.0), damping_share=0.3, coulomb_share=0.2)
-    history = feed(LiveIdentifier("N*m", TICK_S), measured, 2 * LONG_S)
+    history = feed(LiveIdentifier("N*m", TICK_S), measured, 60.0)
     changed = {"viscous_damping": 1.3, "coulomb_torque": 1.2, "presliding_stiffness": 1.2}
     for estimate in history[-1].estimates:
         truth = getattr(Truth(), estimate.name) * changed.get(estimate.name, 1.0)
