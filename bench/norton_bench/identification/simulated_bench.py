@@ -45,13 +45,7 @@ NO_RESTS = np.empty(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class ReadingErrors:
-    """One stretch of a bench as if its fit were true, and the errors that its readings have.
-
-    The smoothed motion is taken for the true one and the fit for the true actuator. The measuring chain is as it
-    was measured: noise and steps of the torque readings, counts of the encoder, the instants at which readings are
-    taken, and how unevenly commands travel.
-
-    Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
+    """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
     instants at which they are taken scatter.
     """
 
