@@ -19,6 +19,16 @@ def _looked_up(table: FloatArray, point: float) -> float:
     return float(table[index] + (at - index) * (table[index + 1] - table[index]))
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _moved_on(times: FloatArray, at: float, reach_s: float, first: int, after: int) -> tuple[int, int]:
+    """The first reading within ``reach_s`` of ``at``, and that after the last: from those of an earlier instant."""
+    while first < times.size - 1 and times[first] < at - reach_s:
+        first += 1
+    while after < times.size and times[after] <= at + reach_s:
+        after += 1
+    return first, after
+
+
 @njit(cache=True, nogil=True)
 def resample(
     times: FloatArray, values: FloatArray, period: float, grid: FloatArray, table: FloatArray, per_unit: int
@@ -33,10 +43,7 @@ def resample(
     output = np.empty(grid.size)
     first, after = 0, 0
     for k in range(grid.size):
-        while first < times.size - 1 and times[first] < grid[k] - reach_s:
-            first += 1
-        while after < times.size and times[after] <= grid[k] + reach_s:
-            after += 1
+        first, after = _moved_on(times, grid[k], reach_s, first, after)
         reference = values[first]
         total, weighted = 0.0, 0.0
         for i in range(first, after):
@@ -63,10 +70,7 @@ def resample_both(
     output = np.empty((2, grid.size))
     first, after = 0, 0
     for k in range(grid.size):
-        while first < times.size - 1 and times[first] < grid[k] - reach_s:
-            first += 1
-        while after < times.size and times[after] <= grid[k] + reach_s:
-            after += 1
+        first, after = _moved_on(times, grid[k], reach_s, first, after)
         reference, other = values[first], others[first]
         total, weighted, of_others = 0.0, 0.0, 0.0
         for i in range(first, after):
