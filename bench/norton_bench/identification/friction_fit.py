@@ -38,7 +38,8 @@ class FrictionFit:
 
     ``names`` and ``values`` are the equation's further columns, then the model's terms, then its unknowns;
     ``covariance`` (names, names) is in the units of the values. ``residual`` and ``prediction`` cover every row of
-    the equation, fitted or not; ``rows`` says which were. ``at_bound`` names what lies at the edge of what is allowed.
+    the equation, fitted or not; ``rows`` says which were, ``roots`` (n,) what they were multiplied by. ``at_bound``
+    names what lies at the edge of what is allowed.
     """
 
     model: FrictionModel
@@ -48,6 +49,7 @@ class FrictionFit:
     residual: FloatArray
     prediction: FloatArray
     rows: BoolArray
+    roots: FloatArray
     converged: bool
     at_bound: tuple[str, ...]
 
@@ -70,8 +72,13 @@ class FrictionFit:
 
     @property
     def rms(self) -> float:
-        """Of the residual in the rows fitted."""
-        return float(np.sqrt(np.mean(self.residual[self.rows] ** 2)))
+        """Of the residual in the rows fitted, as they were weighted."""
+        return weighted_rms(self.residual[self.rows], self.roots[self.rows])
+
+
+def weighted_rms(residual: FloatArray, roots: FloatArray) -> float:
+    """``roots`` (n,) are what the residual (n,) is multiplied by."""
+    return float(np.sqrt(np.sum((roots * residual) ** 2) / np.sum(roots**2)))
 
 
 def fit_friction(
@@ -96,7 +103,10 @@ def fit_friction(
 
 @dataclass(frozen=True)
 class Reached:
-    """Where a search stands: the logarithms of the shape, all columns, coefficients and residual in the rows fitted."""
+    """Where a search stands: the logarithms of the shape, all columns, coefficients and residual in the rows fitted.
+
+    Columns and residual are multiplied by the roots of the rows' weights.
+    """
 
     at: FloatArray
     columns: FloatArray
@@ -113,7 +123,8 @@ class Reached:
 class Problem:
     """One model in one equation. ``low`` and ``high`` are the logarithms of the box searched.
 
-    ``part`` (n,) numbers the parts that a search may leave out, from 0 on; -1 is in none of them.
+    ``part`` (n,) numbers the parts that a search may leave out, from 0 on; -1 is in none of them. ``target`` and all
+    columns are multiplied by ``roots``, (n,).
     """
 
     equation: Equation
@@ -122,6 +133,8 @@ class Problem:
     high: FloatArray
     nonnegative: BoolArray
     part: IntArray
+    roots: FloatArray
+    target: FloatArray
     _scanned: dict[bytes, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
     _kept: dict[bytes, FloatArray] = field(default_factory=dict)
 
@@ -130,7 +143,8 @@ class Problem:
         _ = equation.path.velocity_scale  # refuses a path at rest
         box = np.log(np.array([unknown.bounds(equation.path) for unknown in model.unknowns]).reshape(-1, 2))
         signs = [False] * len(equation.names) + [term.nonnegative for term in model.terms]
-        return cls(equation, model, box[:, 0], box[:, 1], np.array(signs), part)
+        roots = equation.roots
+        return cls(equation, model, box[:, 0], box[:, 1], np.array(signs), part, roots, roots * equation.target)
 
     def columns(self, at: FloatArray) -> FloatArray:
         """Further columns, then friction's with the sign they have in the equation: (columns, n)."""
@@ -149,7 +163,7 @@ class Problem:
 
     def _columns(self, at: FloatArray, path: Path | None = None) -> FloatArray:
         friction = self.equation.process(self.model.columns(path or self.equation.path, np.exp(at)))
-        return np.concatenate([self.equation.others, -friction])
+        return np.asarray(self.roots * np.concatenate([self.equation.others, -friction]))
 
     def scan(self, left_out: int | None = None, known: FloatArray | None = None) -> FloatArray:
         """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``.
@@ -181,7 +195,7 @@ class Problem:
 
         key = at.tobytes()
         if key not in self._scanned:
-            self._scanned[key] = part_sums(self.columns(at), self.equation.target, self.part)
+            self._scanned[key] = part_sums(self.columns(at), self.target, self.part)
         return self._scanned[key]
 
     def search(self, rows: BoolArray, start: FloatArray, contained: Mapping[str, FloatArray]) -> Reached:
@@ -229,7 +243,7 @@ class Problem:
     def _reach(self, at: FloatArray, rows: BoolArray) -> Reached:
         from norton_bench.identification.friction_operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
 
-        columns, target = self.columns(at), self.equation.target
+        columns, target = self.columns(at), self.target
         gram, moment, _ = part_sums(columns, target, np.where(rows, 0, -1))
         linear = bounded_solution(gram[0], moment[0], self.nonnegative)
         return Reached(at, columns, linear, (target - linear @ columns)[rows])
@@ -249,7 +263,7 @@ class Problem:
         covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows])
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])
-        prediction = reached.linear @ reached.columns
+        prediction = reached.linear @ (reached.columns / self.roots)
         terms = tuple(term.name for term in self.model.terms)
         unknowns = tuple(unknown.name for unknown in self.model.unknowns)
         return FrictionFit(
@@ -260,6 +274,7 @@ class Problem:
             residual=self.equation.target - prediction,
             prediction=prediction,
             rows=rows,
+            roots=self.roots,
             converged=reached.converged,
             at_bound=self._at_bound(reached),
         )

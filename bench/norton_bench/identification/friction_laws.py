@@ -142,7 +142,8 @@ class MaxwellSlip:
 
     Their deflections stand on a logarithmic grid around the presliding displacement and their strengths are
     coefficients, so that the curve of first loading may have any shape that Masing's rule allows (Iwan 1966;
-    Al-Bender 2005). Elements that the path is too short to turn over have no strength.
+    Al-Bender 2005). Elements that the path is too short to turn over have no strength, nor
+    have those that it passes too quickly to be seen.
     """
 
     name: str = "maxwell-slip"
@@ -159,7 +160,7 @@ class MaxwellSlip:
 
         deflections = shape[0] * np.geomspace(*AROUND, ELEMENTS)
         elements = operators.stops(path.position, path.begin, deflections)
-        elements[deflections > LONGEST_TRAVEL * path.displacement_scale] = 0.0
+        elements[(deflections < path.shortest) | (deflections > LONGEST_TRAVEL * path.displacement_scale)] = 0.0
         side = np.sign(path.velocity)
         return np.concatenate([np.stack([path.velocity, side, side * bump(path.velocity, shape[1])]), elements])
 

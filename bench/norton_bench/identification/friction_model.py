@@ -23,7 +23,8 @@ class Path:
     ``starts`` are the indices at which a stretch begins (the first is 0): what friction remembers restarts there.
     ``load`` is the exertion transmitted, for friction that depends on it. ``shares`` (stretches,) are the shares of a
     contact's strength in use as each stretch begins, where they are known. ``trained`` (n,) says which samples are
-    fitted: scales are theirs alone, so that what is only predicted has no influence on a fit.
+    fitted: scales are theirs alone, so that what is only predicted has no influence on a fit. Of friction at speeds
+    below ``slowest``, and over ways below ``shortest``, the record tells nothing.
     """
 
     dt_s: float
@@ -34,6 +35,8 @@ class Path:
     temperature_c: FloatArray | None = None
     shares: FloatArray | None = None
     trained: BoolArray | None = None
+    slowest: float = 0.0
+    shortest: float = 0.0
 
     @property
     def begin(self) -> FloatArray:
@@ -90,6 +93,9 @@ class Equation:
     not know there what they went through before. ``settled`` (n,) are the rows in which filters do not see across
     such a beginning. None: what is held out goes on from what lies before it.
 
+    ``weights`` (n,) are those of the squared errors, at most one: rows that no model can describe count for less.
+    None: all are alike.
+
     Raises ExperimentError where a number is missing or infinite.
     """
 
@@ -102,6 +108,7 @@ class Equation:
     process: Callable[[FloatArray], FloatArray]
     afresh: Path | None = None
     settled: BoolArray | None = None
+    weights: FloatArray | None = None
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}
@@ -109,6 +116,11 @@ class Equation:
         for name, values in parts.items():
             if not np.isfinite(values).all():
                 raise ExperimentError(f"the {name} holds missing or infinite values: cut them out of the record first")
+
+    @property
+    def roots(self) -> FloatArray:
+        """What a row is multiplied by, (n,): the root of its weight."""
+        return np.ones(self.target.size) if self.weights is None else np.sqrt(self.weights)
 
 
 def blocked_folds(count: int, folds: int = 5) -> IntArray:
@@ -127,6 +139,8 @@ SHORTEST_TRAVEL = 1e-3
 # From full tension one way to full tension the other way takes two deflections: one that is longer than this share of
 # the whole travel never does that, and then is a spring whose rest nobody knows.
 LONGEST_TRAVEL = 0.5
+# However little a record tells, an unknown is searched between its upper bound and this share of it.
+WIDEST = 0.5
 
 
 class Dimension(Enum):
@@ -159,10 +173,13 @@ class Unknown:
     def bounds(self, path: Path) -> tuple[float, float]:
         """The range searched on ``path``, in SI."""
         if self.dimension is Dimension.VELOCITY:
-            return self.low * path.velocity_scale, self.high * path.velocity_scale
-        if self.dimension is Dimension.DISPLACEMENT:
-            return self.low * path.velocity_scale * path.dt_s, self.high * path.displacement_scale
-        return self.low, self.high
+            low, high = max(self.low * path.velocity_scale, path.slowest), self.high * path.velocity_scale
+        elif self.dimension is Dimension.DISPLACEMENT:
+            low = max(self.low * path.velocity_scale * path.dt_s, path.shortest)
+            high = self.high * path.displacement_scale
+        else:
+            low, high = self.low, self.high
+        return min(low, WIDEST * high), high
 
 
 @dataclass(frozen=True)

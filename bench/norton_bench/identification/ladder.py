@@ -94,8 +94,8 @@ def _rung(
         held_out = part == index
         if equation.settled is not None:
             held_out &= equation.settled
-        residual = equation.target[held_out] - reached.linear @ problem.begun_afresh(reached.at)[:, held_out]
-        squares.append(float(np.mean(residual**2)))
+        residual = problem.target[held_out] - reached.linear @ problem.begun_afresh(reached.at)[:, held_out]
+        squares.append(float(np.sum(residual**2) / np.sum(problem.roots[held_out] ** 2)))
         own.append(np.exp(reached.at))
     shapes[model.name] = own
     rms, std = held_out_rms(squares)

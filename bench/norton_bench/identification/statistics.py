@@ -104,7 +104,12 @@ def simplest_as_good(mean_squares: Sequence[Sequence[float]], unknowns: Sequence
         excess = squares[model] - squares[best]
         return bool(np.mean(excess) <= max(_standard_error(excess), matters))
 
-    return min(filter(as_good, range(len(squares))), key=lambda model: (unknowns[model], means[model]))
+    def beaten(model: int) -> bool:
+        """By a simpler one that is not as good as the best itself."""
+        return any(means[other] <= means[model] for other in range(len(means)) if unknowns[other] < unknowns[model])
+
+    good = [model for model in range(len(squares)) if as_good(model)]
+    return min(good, key=lambda model: (beaten(model), unknowns[model], means[model]))
 
 
 def _standard_error(values: FloatArray) -> float:

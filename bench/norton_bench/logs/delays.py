@@ -160,13 +160,15 @@ def _linear(problem: Problem, fit: FrictionFit) -> _Linear:
     equation, rows = problem.equation, problem.train
     friction = equation.process(fit.model.columns(equation.path, fit.shape))
     columns = np.concatenate([equation.others, -friction])[:, rows]
-    linear = linear_solution(columns, equation.target[rows])
-    residual = equation.target[rows] - linear @ columns
+    roots = equation.roots[rows]
+    columns, target = roots * columns, roots * equation.target[rows]
+    linear = linear_solution(columns, target)
+    residual = target - linear @ columns
     deviations = np.sqrt(np.maximum(np.diag(sandwich(columns.T, residual, equation.time_s[rows])), 0.0))
     return _Linear(
         dict(zip(equation.names, linear.tolist(), strict=False)),
         dict(zip(equation.names, deviations.tolist(), strict=False)),
-        float(np.sqrt(np.mean(residual**2))),
+        float(np.sqrt(np.sum(residual**2) / np.sum(roots**2))),
     )
 
 
@@ -179,11 +181,12 @@ def _coarse(problem: Problem, fit: FrictionFit) -> Delays:
     dt_s, equation, rows = problem.filters.dt_s, problem.equation, problem.train
     friction = equation.process(fit.model.columns(equation.path, fit.shape))
     fixed = [name for name in equation.names if name != "torque_gain" and not name.endswith(SHIFT)]
-    basis = np.concatenate([equation.others[[equation.names.index(name) for name in fixed]], friction])[:, rows]
+    roots = equation.roots[rows]
+    basis = np.concatenate([equation.others[[equation.names.index(name) for name in fixed]], friction])[:, rows] * roots
 
     def left(samples: Mapping[str, int]) -> float:
         target, drive = _rolled(problem, samples)
-        processed = equation.process(np.stack([target, drive]))[:, rows]
+        processed = equation.process(np.stack([target, drive]))[:, rows] * roots
         columns = np.concatenate([basis, processed[1:]]) if "torque_gain" in equation.names else basis
         error = processed[0] - linear_solution(columns, processed[0]) @ columns
         return float(np.sqrt(np.mean(error**2)))

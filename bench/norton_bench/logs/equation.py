@@ -13,7 +13,7 @@ from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.grid import Filters, Stretch
-from norton_bench.logs.motion import Delays, Motion
+from norton_bench.logs.motion import Delays, Motion, moved
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
@@ -44,8 +44,7 @@ class Terms:
         motion = Motion.of(stretch, filters, later_s)
         drive = drive_of(stretch)
         if drive is not None and delays.command_s != later_s:
-            since_s = stretch.dt_s * np.arange(len(drive))
-            drive = np.interp(since_s + later_s - delays.command_s, since_s, drive)
+            drive = moved(drive, stretch.dt_s, later_s - delays.command_s)
         return cls(
             motion=motion,
             drive=drive,

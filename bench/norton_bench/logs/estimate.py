@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, FrictionModel
@@ -10,16 +12,17 @@ from norton_bench.identification.ladder import Rung, fit_friction, ladder
 from norton_bench.logs import delays as late
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.motion import Delays
+from norton_bench.logs.near_rest import fit_weighted, likeliest_excess, shares, weighted
 from norton_bench.logs.starts import SCOUT, begun
 
 # Models that are near to any other as far as delays go, and quick.
-SCOUTS = ("coulomb-viscous", "stribeck-asymmetric", "film-asymmetric", SCOUT)
+SCOUTS = ("coulomb-viscous", "load-dependent", "stribeck-asymmetric", "film-asymmetric", SCOUT)
 PLAIN = "coulomb-viscous"
 # A log is of presliding if a contact that remembers leaves less than this share of what plain friction leaves.
 PRESLIDES = 1 / 3
 # The chosen model's own delays are put in place of those of the first one, so often at most, as long as they move by
-# more than this share of a sample and leave less.
-ROUNDS = 3
+# more than this share of a sample, and by less every time.
+ROUNDS = 12
 SETTLED = 0.02
 
 
@@ -43,7 +46,7 @@ def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple
     Where a contact that remembers leaves far less than friction of velocity alone, the log is of presliding, and no
     law of velocity can foretell a record of it.
     """
-    plain, scout = (fit_friction(problem.equation, member(name), problem.train) for name in (PLAIN, SCOUT))
+    plain, scout = (fit_weighted(problem, member(name))[0] for name in (PLAIN, SCOUT))
     kept = tuple(filter(remembers, family))
     if not kept or not scout.rms < PRESLIDES * plain.rms:
         return tuple(family), ""
@@ -65,38 +68,46 @@ def estimated(
     """
     problem = again(Delays(sought=sought))
     candidates = models(problem)
+    first, excess = _first(problem, candidates)
     if sought:
-        first = _first(problem, candidates)
-        moved = again(late.searched(problem, first, again))
-        problem = late.with_columns(moved, fit_friction(moved.equation, first.model, moved.train))
+        delays = late.searched(weighted(problem, excess), first, lambda delays: weighted(again(delays), excess))
+        problem = again(delays)
+        first, excess = _first(problem, candidates)
+    problem = weighted(problem, excess)
+    if problem.delays.sought:
+        problem = late.with_columns(problem, first)
     if any(map(remembers, candidates)):
         problem = begun(problem)
+        problem = weighted(problem, _first(problem, candidates)[1])
     rungs = ladder(problem.equation, candidates, problem.train)
     return _settled(Estimated(problem, rungs, choose(rungs)), again)
 
 
-def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> FrictionFit:
-    """The scout that fits best among the candidates, or the simplest of these where there is none."""
+def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> tuple[FrictionFit, float]:
+    """The scout that fits best among the candidates, or the simplest of these where there is none, and what it says
+    of rows near rest."""
     scouts = [each for each in candidates if each.name in SCOUTS] or [candidates[0]]
-    return min((fit_friction(problem.equation, each, problem.train) for each in scouts), key=lambda fit: fit.rms)
+    fits = [fit_weighted(problem, each) for each in scouts]
+    return min(fits, key=lambda each: each[0].rms)
 
 
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:
     """The chosen model, fitted where its own delays are: the columns are those of small ones."""
     problem, chosen = result.problem, result.chosen
+    last_s = np.inf
     for _ in range(ROUNDS if problem.delays.sought else 0):
         delays = late.found(problem, chosen.fit)
         moved_s = max(
             abs(delays.command_s - problem.delays.command_s), abs(delays.exertion_s - problem.delays.exertion_s)
         )
-        if moved_s < SETTLED * problem.filters.dt_s:
+        if moved_s < SETTLED * problem.filters.dt_s or moved_s >= last_s:
             break
+        excess = likeliest_excess(chosen.fit.residual[problem.train], shares(problem)[problem.train])
         moved = again(delays)
         path = replace(moved.equation.path, shares=problem.equation.path.shares)
-        moved = late.with_columns(replace(moved, equation=replace(moved.equation, path=path)), chosen.fit)
-        fit = fit_friction(moved.equation, chosen.model, moved.train, near=chosen.fit.shape)
-        if fit.rms >= chosen.fit.rms:
-            break
-        problem, chosen = moved, replace(chosen, fit=fit, train_rms=fit.rms)
+        moved = weighted(replace(moved, equation=replace(moved.equation, path=path)), excess)
+        problem, last_s = late.with_columns(moved, chosen.fit), moved_s
+        fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
+        chosen = replace(chosen, fit=fit, train_rms=fit.rms)
     rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)
     return Estimated(problem, rungs, chosen)

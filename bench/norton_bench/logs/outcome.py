@@ -40,6 +40,9 @@ STEPS_A_SAMPLE = 4
 LEAST_SAMPLES = 50
 # A column that holds what is applied until the next sample belongs to the middle of the interval.
 HALF_A_SAMPLE = 0.5
+# The weight, and the share of the rows, from which on rows near rest are spoken of.
+HALF = 0.5
+WORTH_SAYING = 0.01
 
 
 # The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
@@ -189,7 +192,7 @@ def outcome(judged: Judged) -> LogFit:
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
-    said = [*wrong, *judged.remarks, *verdict, *_late(estimates, problem), parts.sentence]
+    said = [*wrong, *judged.remarks, *verdict, *_late(estimates, problem), *_near_rest(problem), parts.sentence]
     sentences = [*judged.doubts, *said, *map(words, together), *_uncertain(untold)]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit, judged.splits))
     return LogFit(
@@ -265,6 +268,17 @@ def _late(estimates: Sequence[Estimate], problem: Problem) -> Iterator[str]:
                 f"{1e3 * estimate.half_interval:.2g} ms {'earlier' if estimate.value > 0 else 'later'} than the motion "
                 "it goes with; that is reckoned with, and no friction."
             )
+
+
+def _near_rest(problem: Problem) -> Iterator[str]:
+    """How many rows trained on count for less than half."""
+    weights = problem.equation.weights
+    share = 0.0 if weights is None else float(np.mean(weights[problem.train] < HALF))
+    if share > WORTH_SAYING:
+        yield (
+            f"Near rest, in {share:.0%} of the rows, friction is not what the law says of its velocity: it sticks, or "
+            "turns round between two samples. These rows count for less."
+        )
 
 
 def _uncertain(estimates: Sequence[Estimate]) -> list[str]:

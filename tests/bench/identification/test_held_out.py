@@ -39,3 +39,11 @@ def test_a_richer_model_must_be_better_surely_and_by_enough(richer, chosen):
 def test_folds_that_differ_do_not_hide_a_sure_gain():
     """Folds scatter by several times the difference; what differs between models is the same in each."""
     assert simplest_as_good([FOLDS, FOLDS - 0.3], [2, 3]) == 1
+
+
+def test_a_model_that_a_simpler_one_beats_is_not_chosen_instead_of_it() -> None:
+    """Its error scatters so much that it might be as good as the best; the simpler one is surely worse than that."""
+    best, simple, erratic = FOLDS, 1.3 * FOLDS, FOLDS * np.array([0.2, 0.2, 5.0, 0.2, 5.0])
+    assert np.mean(erratic) > np.mean(simple)
+    assert simplest_as_good([best, simple, erratic], [9, 2, 4]) == 0
+    assert simplest_as_good([best, simple, erratic], [9, 5, 4]) == 2

@@ -156,7 +156,9 @@ def rung(
 ) -> Rung:
     """One line of the ladder, its errors over a torque of 0.1 N·m."""
     nothing = np.zeros(0)
-    fit = FrictionFit(model(name), (), nothing, np.zeros((0, 0)), nothing, nothing, nothing.astype(bool), converged, ())
+    fit = FrictionFit(
+        model(name), (), nothing, np.zeros((0, 0)), nothing, nothing, nothing.astype(bool), nothing, converged, ()
+    )
     return Rung(model(name), fit, 0.1 * train, 0.1 * held_out, 0.1 * std, 0.1, (), selected)
 
 

@@ -1,5 +1,7 @@
 """The separable fit: true values from nothing, honest deviations, flags where there is no answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -108,6 +110,19 @@ def test_rows_left_out_do_not_matter():
     whole = fit_friction(equation, member, rows)
     equation.target[~rows] = 1e3
     assert fit_friction(equation, member, rows).values == pytest.approx(whole.values)
+
+
+def test_rows_without_weight_are_as_good_as_left_out():
+    law, path = model("stribeck"), wandering()
+    equation = equation_of(law, [0.01, 0.3, 0.1], [2.0], path, noise=0.01)
+    spoilt = np.arange(path.position.size) % 3 == 0
+    weights = np.where(spoilt, 1e-12, 1.0)
+    wrong = replace(equation, target=equation.target + 0.5 * spoilt, weights=weights)
+    weighted, left_out = fit_friction(wrong, law), fit_friction(equation, law, ~spoilt)
+    np.testing.assert_allclose(weighted.values, left_out.values, rtol=1e-6)
+    assert weighted.rms == pytest.approx(left_out.rms, rel=1e-6)
+    assert np.std(weighted.residual[spoilt]) == pytest.approx(0.01, rel=0.1)
+    assert np.mean(weighted.residual[spoilt]) == pytest.approx(0.5, abs=0.01)
 
 
 def test_restarts_are_not_motion():
