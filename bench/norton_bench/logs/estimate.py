@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, FrictionModel
 from norton_bench.identification.ladder import Rung, fit_friction, ladder
 from norton_bench.logs import delays as late
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.motion import Delays
-from norton_bench.logs.near_rest import fit_weighted, likeliest_excess, shares, weighted
+from norton_bench.logs.near_rest import WeightedFit, fit_weighted, likeliest_excess, shares, weighted
 from norton_bench.logs.starts import SCOUT, begun
 
 # Models that are near to any other as far as delays go, and quick.
@@ -46,7 +45,7 @@ def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple
     Where a contact that remembers leaves far less than friction of velocity alone, the log is of presliding, and no
     law of velocity can foretell a record of it.
     """
-    plain, scout = (fit_weighted(problem, member(name))[0] for name in (PLAIN, SCOUT))
+    plain, scout = (fit_weighted(problem, member(name)).fit for name in (PLAIN, SCOUT))
     kept = tuple(filter(remembers, family))
     if not kept or not scout.rms < PRESLIDES * plain.rms:
         return tuple(family), ""
@@ -68,27 +67,26 @@ def estimated(
     """
     problem = again(Delays(sought=sought))
     candidates = models(problem)
-    first, excess = _first(problem, candidates)
+    first = _first(problem, candidates)
     if sought:
-        delays = late.searched(weighted(problem, excess), first, lambda delays: weighted(again(delays), excess))
+        excess = first.excess
+        delays = late.searched(weighted(problem, excess), first.fit, lambda delays: weighted(again(delays), excess))
         problem = again(delays)
-        first, excess = _first(problem, candidates)
-    problem = weighted(problem, excess)
+        first = _first(problem, candidates)
+    problem = weighted(problem, first.excess)
     if problem.delays.sought:
-        problem = late.with_columns(problem, first)
+        problem = late.with_columns(problem, first.fit)
     if any(map(remembers, candidates)):
         problem = begun(problem)
-        problem = weighted(problem, _first(problem, candidates)[1])
+        problem = weighted(problem, _first(problem, candidates).excess)
     rungs = ladder(problem.equation, candidates, problem.train)
     return _settled(Estimated(problem, rungs, choose(rungs)), again)
 
 
-def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> tuple[FrictionFit, float]:
-    """The scout that fits best among the candidates, or the simplest of these where there is none, and what it says
-    of rows near rest."""
+def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> WeightedFit:
+    """The likeliest scout among the candidates, or the simplest of these where there is none."""
     scouts = [each for each in candidates if each.name in SCOUTS] or [candidates[0]]
-    fits = [fit_weighted(problem, each) for each in scouts]
-    return min(fits, key=lambda each: each[0].rms)
+    return min((fit_weighted(problem, each) for each in scouts), key=lambda each: each.doubt)
 
 
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:

@@ -4,11 +4,12 @@ Where a shaft sticks, friction holds whatever pulls at it, up to its limit; a ve
 sign; and where it turns, friction jumps at an instant that samples and low-pass show only roughly. That error passes
 the rows' filter as everything does: a row's variance is that of the others times 1 + λ g, g the share of the filter's
 power that lies near rest. λ is the likeliest for what is left of the equation (groupwise heteroscedasticity; Greene,
-Econometric Analysis, section 9.7). Where a contact that deflects describes these rows as well as the others, λ is next
-to nothing, and they count like any other.
+Econometric Analysis, section 9.7). The weight is the square of its reciprocal: friction at rest is never more than the
+law's, so that the error has a mean too, which a weight for its variance alone would let through. Where a contact that
+deflects describes these rows as well as the others, λ is next to nothing, and they count like any other.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage, signal
@@ -16,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit, fit_friction
-from norton_bench.identification.friction_model import FrictionModel
+from norton_bench.identification.friction_model import FrictionModel, Path
 from norton_bench.logs.equation import Problem, Terms
 from norton_bench.logs.grid import Filters, Stretch, slope
 
@@ -27,28 +28,43 @@ ROUNDED_PERIODS = 1.0
 # Between which λ is looked for, and at how many places: from rows like all others to rows that are as good as left out.
 LEAST, MOST = 1e-3, 1e6
 TRIALS = 21
-# Where rows near rest alone count for less than half, no law shows that changes among them.
-HALF = 1.0
+# Where near rest the variance is more than twice the others', no contact is seen there.
+HIDDEN = 1.0
+# A film, or stiction, has come within 5 % of its end at three times its velocity (exp −3), a contact shows while it
+# deflects: neither is seen if no more samples than these are as slow, or as near to the last turn.
+DIES_AFTER = 3.0
+FEW = 0.05
 # Of a fit and its weights, each made with the other.
 ROUNDS = 3
 
 
 def weighted(problem: Problem, excess: float) -> Problem:
-    """The problem with rows near rest whose variance is that of the others times 1 + ``excess`` (λ) times their share.
+    """The problem with rows near rest weighted by the ``excess`` (λ) of their variance.
 
-    Where they count for less than half, a law can neither change at the speeds nor over the ways that are passed among
-    them.
+    No law can change at speeds that are seldom seen elsewhere. Nor over ways, unless a contact is seen there: where the
+    excess is small.
     """
     equation = problem.equation
-    slowest, shortest = _passed(problem) if excess > HALF else (0.0, 0.0)
+    slowest, way = _hidden(problem)
+    shortest = way if excess > HIDDEN else 0.0
     path = replace(equation.path, slowest=slowest, shortest=shortest)
     afresh = None if equation.afresh is None else replace(equation.afresh, slowest=slowest, shortest=shortest)
-    weights = 1.0 / (1.0 + excess * shares(problem))
+    weights = 1.0 / (1.0 + excess * shares(problem)) ** 2
     return replace(problem, equation=replace(equation, path=path, afresh=afresh, weights=weights))
 
 
-def fit_weighted(problem: Problem, model: FrictionModel) -> tuple[FrictionFit, float]:
-    """The model with weights of its own, and the ``excess`` that they are made from.
+@dataclass(frozen=True)
+class WeightedFit:
+    """A fit with weights of its own, the ``excess`` that they are made from, and how unlikely what it leaves is: the
+    mean of minus twice the logarithm of the likelihood, but for a constant."""
+
+    fit: FrictionFit
+    excess: float
+    doubt: float
+
+
+def fit_weighted(problem: Problem, model: FrictionModel) -> WeightedFit:
+    """The model with weights of its own.
 
     Raises ExperimentError where there are too few rows or nothing moves.
     """
@@ -57,25 +73,29 @@ def fit_weighted(problem: Problem, model: FrictionModel) -> tuple[FrictionFit, f
     for _ in range(ROUNDS):
         excess = likeliest_excess(fit.residual[problem.train], share[problem.train])
         fit = fit_friction(weighted(problem, excess).equation, model, problem.train, near=fit.shape)
-    return fit, excess
+    return WeightedFit(fit, excess, doubt(fit.residual[problem.train], share[problem.train], excess))
+
+
+def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:
+    """Of a residual (n,) whose variance is 1 + ``excess`` · ``share`` (n,) times one that is the likeliest."""
+    variance = 1.0 + excess * share
+    return float(np.mean(np.log(variance)) + np.log(max(float(np.mean(residual**2 / variance)), 1e-300)))
 
 
 def likeliest_excess(residual: FloatArray, share: FloatArray) -> float:
-    """λ for a residual (n,) whose variance is 1 + λ ``share`` (n,) times one that is the likeliest for each λ."""
+    """The λ of a residual (n,) with the least doubt."""
     if not np.any(share > 0):
         return 0.0
 
-    def doubt(log_excess: float) -> float:
-        variance = 1.0 + np.exp(log_excess) * share
-        mean_square = max(float(np.mean(residual**2 / variance)), 1e-300)
-        return float(np.mean(np.log(variance)) + np.log(mean_square))
+    def of(log_excess: float) -> float:
+        return doubt(residual, share, float(np.exp(log_excess)))
 
     trials = np.linspace(np.log(LEAST), np.log(MOST), TRIALS)
-    at = int(np.argmin([doubt(each) for each in trials]))
+    at = int(np.argmin([of(each) for each in trials]))
     if at == 0:
         return 0.0
     bounds = (trials[at - 1], trials[min(at + 1, TRIALS - 1)])
-    return float(np.exp(minimize_scalar(doubt, bounds=bounds, method="bounded").x))
+    return float(np.exp(minimize_scalar(of, bounds=bounds, method="bounded").x))
 
 
 def shares(problem: Problem) -> FloatArray:
@@ -87,16 +107,24 @@ def shares(problem: Problem) -> FloatArray:
     return np.clip(np.concatenate(each)[problem.pick], 0.0, 1.0)
 
 
-def _passed(problem: Problem) -> tuple[float, float]:
-    """Rms of the velocities near rest, and of the ways gone in each visit there; in training."""
-    near, path = np.concatenate(_near_rest(problem)), problem.equation.path
+def _hidden(problem: Problem) -> tuple[float, float]:
+    """The velocity of a film, and the way of a contact, that nearly all samples are beyond that are not near rest; in
+    training. Zero where all are near rest."""
+    away, path = ~np.concatenate(_near_rest(problem)), problem.equation.path
     if path.trained is not None:
-        near = near & path.trained
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]]))).reshape(-1, 2)
-    if not edges.size:
+        away = away & path.trained
+    if not away.any():
         return 0.0, 0.0
-    ways = np.array([np.ptp(path.position[first:end]) for first, end in edges])
-    return float(np.sqrt(np.mean(path.velocity[near] ** 2))), float(np.sqrt(np.mean(ways**2)))
+    speed, way = np.abs(path.velocity[away]), _since_turn(path)[away]
+    return float(np.quantile(speed, FEW)) / DIES_AFTER, float(np.quantile(way, FEW))
+
+
+def _since_turn(path: Path) -> FloatArray:
+    """How far each sample is from the last place where the motion turned, or a stretch began, shape (n,)."""
+    turned = np.diff(np.sign(path.velocity), prepend=0.0) != 0
+    turned[path.starts] = True
+    last = np.maximum.accumulate(np.where(turned, np.arange(turned.size), 0))
+    return np.asarray(np.abs(path.position - path.position[last]))
 
 
 def _near_rest(problem: Problem) -> list[BoolArray]:
