@@ -38,7 +38,7 @@ class FrictionFit:
 
     ``names`` and ``values`` are the equation's further columns, then the model's terms, then its unknowns;
     ``covariance`` (names, names) is in the units of the values. ``residual`` and ``prediction`` cover every row of
-    the equation, fitted or not; ``rows`` says which were, ``roots`` (n,) what they were multiplied by. ``at_bound``
+    the equation, fitted or not; ``rows`` says which were, ``scale`` (n,) what they were multiplied by. ``at_bound``
     names what lies at the edge of what is allowed.
     """
 
@@ -49,7 +49,7 @@ class FrictionFit:
     residual: FloatArray
     prediction: FloatArray
     rows: BoolArray
-    roots: FloatArray
+    scale: FloatArray
     converged: bool
     at_bound: tuple[str, ...]
 
@@ -73,12 +73,19 @@ class FrictionFit:
     @property
     def rms(self) -> float:
         """Of the residual in the rows fitted, as they were weighted."""
-        return weighted_rms(self.residual[self.rows], self.roots[self.rows])
+        scale = self.scale[self.rows]
+        return scaled_rms(scale * self.residual[self.rows], scale)
+
+    @property
+    def noise_variance(self) -> FloatArray:
+        """Of every row's error, shape (n,): a row of scale s has 1/s times the variance of one of scale 1."""
+        best = np.mean(self.scale[self.rows] * self.residual[self.rows] ** 2)
+        return np.asarray(best / self.scale)
 
 
-def weighted_rms(residual: FloatArray, roots: FloatArray) -> float:
-    """``roots`` (n,) are what the residual (n,) is multiplied by."""
-    return float(np.sqrt(np.sum((roots * residual) ** 2) / np.sum(roots**2)))
+def scaled_rms(scaled: FloatArray, scale: FloatArray) -> float:
+    """Of a residual (n,) that has been multiplied by ``scale`` (n,), in the unit that it had before."""
+    return float(np.sqrt(np.sum(scaled**2) / np.sum(scale**2)))
 
 
 def fit_friction(
@@ -105,7 +112,7 @@ def fit_friction(
 class Reached:
     """Where a search stands: the logarithms of the shape, all columns, coefficients and residual in the rows fitted.
 
-    Columns and residual are multiplied by the roots of the rows' weights.
+    Columns and residual are multiplied by the rows' scale.
     """
 
     at: FloatArray
@@ -124,7 +131,7 @@ class Problem:
     """One model in one equation. ``low`` and ``high`` are the logarithms of the box searched.
 
     ``part`` (n,) numbers the parts that a search may leave out, from 0 on; -1 is in none of them. ``target`` and all
-    columns are multiplied by ``roots``, (n,).
+    columns are multiplied by ``scale``, (n,).
     """
 
     equation: Equation
@@ -133,7 +140,7 @@ class Problem:
     high: FloatArray
     nonnegative: BoolArray
     part: IntArray
-    roots: FloatArray
+    scale: FloatArray
     target: FloatArray
     _scanned: dict[bytes, tuple[FloatArray, FloatArray, FloatArray]] = field(default_factory=dict)
     _kept: dict[bytes, FloatArray] = field(default_factory=dict)
@@ -143,8 +150,8 @@ class Problem:
         _ = equation.path.velocity_scale  # refuses a path at rest
         box = np.log(np.array([unknown.bounds(equation.path) for unknown in model.unknowns]).reshape(-1, 2))
         signs = [False] * len(equation.names) + [term.nonnegative for term in model.terms]
-        roots = equation.roots
-        return cls(equation, model, box[:, 0], box[:, 1], np.array(signs), part, roots, roots * equation.target)
+        scale = equation.scale
+        return cls(equation, model, box[:, 0], box[:, 1], np.array(signs), part, scale, scale * equation.target)
 
     def columns(self, at: FloatArray) -> FloatArray:
         """Further columns, then friction's with the sign they have in the equation: (columns, n)."""
@@ -163,7 +170,7 @@ class Problem:
 
     def _columns(self, at: FloatArray, path: Path | None = None) -> FloatArray:
         friction = self.equation.process(self.model.columns(path or self.equation.path, np.exp(at)))
-        return np.asarray(self.roots * np.concatenate([self.equation.others, -friction]))
+        return np.asarray(self.scale * np.concatenate([self.equation.others, -friction]))
 
     def scan(self, left_out: int | None = None, known: FloatArray | None = None) -> FloatArray:
         """The best shape on a grid, one unknown after the other, for all parts but ``left_out``; or ``known``.
@@ -263,7 +270,7 @@ class Problem:
         covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows])
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])
-        prediction = reached.linear @ (reached.columns / self.roots)
+        prediction = reached.linear @ (reached.columns / self.scale)
         terms = tuple(term.name for term in self.model.terms)
         unknowns = tuple(unknown.name for unknown in self.model.unknowns)
         return FrictionFit(
@@ -274,7 +281,7 @@ class Problem:
             residual=self.equation.target - prediction,
             prediction=prediction,
             rows=rows,
-            roots=self.roots,
+            scale=self.scale,
             converged=reached.converged,
             at_bound=self._at_bound(reached),
         )

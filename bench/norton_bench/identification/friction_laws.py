@@ -142,8 +142,7 @@ class MaxwellSlip:
 
     Their deflections stand on a logarithmic grid around the presliding displacement and their strengths are
     coefficients, so that the curve of first loading may have any shape that Masing's rule allows (Iwan 1966;
-    Al-Bender 2005). Elements that the path is too short to turn over have no strength, nor
-    have those that it passes too quickly to be seen.
+    Al-Bender 2005). Elements that the path is too short to turn over, or passes too quickly to show, have no strength.
     """
 
     name: str = "maxwell-slip"

@@ -93,8 +93,8 @@ class Equation:
     not know there what they went through before. ``settled`` (n,) are the rows in which filters do not see across
     such a beginning. None: what is held out goes on from what lies before it.
 
-    ``weights`` (n,) are those of the squared errors, at most one: rows that no model can describe count for less.
-    None: all are alike.
+    ``variance`` (n,) is that of each row's error in units of the best rows': rows that no model can describe have more
+    than one. Rows are divided by it. None: all are alike.
 
     Raises ExperimentError where a number is missing or infinite.
     """
@@ -108,7 +108,7 @@ class Equation:
     process: Callable[[FloatArray], FloatArray]
     afresh: Path | None = None
     settled: BoolArray | None = None
-    weights: FloatArray | None = None
+    variance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}
@@ -118,9 +118,9 @@ class Equation:
                 raise ExperimentError(f"the {name} holds missing or infinite values: cut them out of the record first")
 
     @property
-    def roots(self) -> FloatArray:
-        """What a row is multiplied by, (n,): the root of its weight."""
-        return np.ones(self.target.size) if self.weights is None else np.sqrt(self.weights)
+    def scale(self) -> FloatArray:
+        """What each row is multiplied by, (n,)."""
+        return np.ones(self.target.size) if self.variance is None else 1.0 / self.variance
 
 
 def blocked_folds(count: int, folds: int = 5) -> IntArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction
+from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction, scaled_rms
 from norton_bench.identification.friction_laws import Asymmetric, family_for
 from norton_bench.identification.friction_model import Equation, FrictionModel, Path, blocked_folds
 from norton_bench.identification.regression import Regression
@@ -95,7 +95,7 @@ def _rung(
         if equation.settled is not None:
             held_out &= equation.settled
         residual = problem.target[held_out] - reached.linear @ problem.begun_afresh(reached.at)[:, held_out]
-        squares.append(float(np.sum(residual**2) / np.sum(problem.roots[held_out] ** 2)))
+        squares.append(scaled_rms(residual, problem.scale[held_out]) ** 2)
         own.append(np.exp(reached.at))
     shapes[model.name] = own
     rms, std = held_out_rms(squares)

@@ -1,6 +1,6 @@
 """Deviations that can be believed, a choice between models by unseen data, one value out of several."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,16 +195,19 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
         return 0.0
     scaled, own = (values - values.mean()) / reach, variances / reach**2
 
-    nodes = np.linspace(np.log(LEAST_SPREAD), np.log(GREATEST_SPREAD), NODES)
-    best = int(np.argmin(_restricted_doubt(scaled, own + np.exp(2.0 * nodes)[:, None])))
-    result = minimize_scalar(
-        lambda log_spread: float(_restricted_doubt(scaled, own + np.exp(2.0 * log_spread))),
-        bounds=(nodes[max(best - 1, 0)], nodes[min(best + 1, NODES - 1)]),
-        method="bounded",
-    )
-    if not result.fun < _restricted_doubt(scaled, own):
-        return 0.0
-    return float(np.exp(2.0 * result.x) * reach**2)
+    def doubt(spread: float) -> float:
+        return float(_restricted_doubt(scaled, own + spread**2))
+
+    return least(doubt, LEAST_SPREAD, GREATEST_SPREAD, NODES) ** 2 * reach**2
+
+
+def least(doubt: Callable[[float], float], low: float, high: float, trials: int) -> float:
+    """The positive value with the least doubt: the best of a geometric scan, then refined; 0 where 0 has no more."""
+    nodes = np.linspace(np.log(low), np.log(high), trials)
+    best = int(np.argmin([doubt(float(np.exp(node))) for node in nodes]))
+    bounds = (nodes[max(best - 1, 0)], nodes[min(best + 1, trials - 1)])
+    result = minimize_scalar(lambda logarithm: doubt(float(np.exp(logarithm))), bounds=bounds, method="bounded")
+    return float(np.exp(result.x)) if result.fun < doubt(0.0) else 0.0
 
 
 def _restricted_doubt(values: FloatArray, totals: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction_fit import weighted_rms
+from norton_bench.identification.friction_fit import scaled_rms
 from norton_bench.identification.ladder import Rung
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
@@ -24,7 +24,8 @@ def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
     if not problem.scaled or not rows.any():
         return ()
     residual = chosen.fit.residual[rows]
-    test = weighted_rms(residual, chosen.fit.roots[rows])
+    scale = chosen.fit.scale[rows]
+    test = scaled_rms(scale * residual, scale)
     expected = max(chosen.held_out_rms, chosen.train_rms)
     worst = float(np.sqrt(max(chosen.fold_mean_squares)))
     if not test > max(FAR * expected, worst):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction_fit import FrictionFit
+from norton_bench.identification.friction_fit import FrictionFit, scaled_rms
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
@@ -160,15 +160,15 @@ def _linear(problem: Problem, fit: FrictionFit) -> _Linear:
     equation, rows = problem.equation, problem.train
     friction = equation.process(fit.model.columns(equation.path, fit.shape))
     columns = np.concatenate([equation.others, -friction])[:, rows]
-    roots = equation.roots[rows]
-    columns, target = roots * columns, roots * equation.target[rows]
+    scale = equation.scale[rows]
+    columns, target = scale * columns, scale * equation.target[rows]
     linear = linear_solution(columns, target)
     residual = target - linear @ columns
     deviations = np.sqrt(np.maximum(np.diag(sandwich(columns.T, residual, equation.time_s[rows])), 0.0))
     return _Linear(
         dict(zip(equation.names, linear.tolist(), strict=False)),
         dict(zip(equation.names, deviations.tolist(), strict=False)),
-        float(np.sqrt(np.sum(residual**2) / np.sum(roots**2))),
+        scaled_rms(residual, scale),
     )
 
 
@@ -181,12 +181,12 @@ def _coarse(problem: Problem, fit: FrictionFit) -> Delays:
     dt_s, equation, rows = problem.filters.dt_s, problem.equation, problem.train
     friction = equation.process(fit.model.columns(equation.path, fit.shape))
     fixed = [name for name in equation.names if name != "torque_gain" and not name.endswith(SHIFT)]
-    roots = equation.roots[rows]
-    basis = np.concatenate([equation.others[[equation.names.index(name) for name in fixed]], friction])[:, rows] * roots
+    scale = equation.scale[rows]
+    basis = np.concatenate([equation.others[[equation.names.index(name) for name in fixed]], friction])[:, rows] * scale
 
     def left(samples: Mapping[str, int]) -> float:
         target, drive = _rolled(problem, samples)
-        processed = equation.process(np.stack([target, drive]))[:, rows] * roots
+        processed = equation.process(np.stack([target, drive]))[:, rows] * scale
         columns = np.concatenate([basis, processed[1:]]) if "torque_gain" in equation.names else basis
         error = processed[0] - linear_solution(columns, processed[0]) @ columns
         return float(np.sqrt(np.mean(error**2)))

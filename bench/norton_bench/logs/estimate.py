@@ -11,7 +11,7 @@ from norton_bench.identification.ladder import Rung, fit_friction, ladder
 from norton_bench.logs import delays as late
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.motion import Delays
-from norton_bench.logs.near_rest import WeightedFit, fit_weighted, likeliest_excess, shares, weighted
+from norton_bench.logs.near_rest import NearRest, WeightedFit
 from norton_bench.logs.starts import SCOUT, begun
 
 # Models that are near to any other as far as delays go, and quick.
@@ -45,7 +45,8 @@ def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple
     Where a contact that remembers leaves far less than friction of velocity alone, the log is of presliding, and no
     law of velocity can foretell a record of it.
     """
-    plain, scout = (fit_weighted(problem, member(name)).fit for name in (PLAIN, SCOUT))
+    near = NearRest.of(problem)
+    plain, scout = (near.fit(member(name)).fit for name in (PLAIN, SCOUT))
     kept = tuple(filter(remembers, family))
     if not kept or not scout.rms < PRESLIDES * plain.rms:
         return tuple(family), ""
@@ -67,26 +68,29 @@ def estimated(
     """
     problem = again(Delays(sought=sought))
     candidates = models(problem)
-    first = _first(problem, candidates)
+    near = NearRest.of(problem)
+    first = _first(near, candidates)
     if sought:
         excess = first.excess
-        delays = late.searched(weighted(problem, excess), first.fit, lambda delays: weighted(again(delays), excess))
-        problem = again(delays)
-        first = _first(problem, candidates)
-    problem = weighted(problem, first.excess)
+        delays = late.searched(
+            near.weighted(excess), first.fit, lambda delays: NearRest.of(again(delays)).weighted(excess)
+        )
+        near = NearRest.of(again(delays))
+        first = _first(near, candidates)
+    problem = near.weighted(first.excess)
     if problem.delays.sought:
         problem = late.with_columns(problem, first.fit)
     if any(map(remembers, candidates)):
-        problem = begun(problem)
-        problem = weighted(problem, _first(problem, candidates).excess)
+        near = NearRest.of(begun(problem))
+        problem = near.weighted(_first(near, candidates).excess)
     rungs = ladder(problem.equation, candidates, problem.train)
     return _settled(Estimated(problem, rungs, choose(rungs)), again)
 
 
-def _first(problem: Problem, candidates: Sequence[FrictionModel]) -> WeightedFit:
+def _first(near: NearRest, candidates: Sequence[FrictionModel]) -> WeightedFit:
     """The likeliest scout among the candidates, or the simplest of these where there is none."""
     scouts = [each for each in candidates if each.name in SCOUTS] or [candidates[0]]
-    return min((fit_weighted(problem, each) for each in scouts), key=lambda each: each.doubt)
+    return min((near.fit(each) for each in scouts), key=lambda each: each.doubt)
 
 
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:
@@ -100,10 +104,10 @@ def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated
         )
         if moved_s < SETTLED * problem.filters.dt_s or moved_s >= last_s:
             break
-        excess = likeliest_excess(chosen.fit.residual[problem.train], shares(problem)[problem.train])
+        excess = NearRest.of(problem).excess(chosen.fit)
         moved = again(delays)
         path = replace(moved.equation.path, shares=problem.equation.path.shares)
-        moved = weighted(replace(moved, equation=replace(moved.equation, path=path)), excess)
+        moved = NearRest.of(replace(moved, equation=replace(moved.equation, path=path))).weighted(excess)
         problem, last_s = late.with_columns(moved, chosen.fit), moved_s
         fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
         chosen = replace(chosen, fit=fit, train_rms=fit.rms)

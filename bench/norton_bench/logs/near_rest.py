@@ -4,20 +4,21 @@ Where a shaft sticks, friction holds whatever pulls at it, up to its limit; a ve
 sign; and where it turns, friction jumps at an instant that samples and low-pass show only roughly. That error passes
 the rows' filter as everything does: a row's variance is that of the others times 1 + λ g, g the share of the filter's
 power that lies near rest. λ is the likeliest for what is left of the equation (groupwise heteroscedasticity; Greene,
-Econometric Analysis, section 9.7). The weight is the square of its reciprocal: friction at rest is never more than the
-law's, so that the error has a mean too, which a weight for its variance alone would let through. Where a contact that
+Econometric Analysis, section 9.7). Rows are divided by their variance, and not by its root: friction at rest is never
+more than the law's, so that the error has a mean too, which the root alone would let through. Where a contact that
 deflects describes these rows as well as the others, λ is next to nothing, and they count like any other.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage, signal
-from scipy.optimize import minimize_scalar
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit, fit_friction
 from norton_bench.identification.friction_model import FrictionModel, Path
+from norton_bench.identification.statistics import least
 from norton_bench.logs.equation import Problem, Terms
 from norton_bench.logs.grid import Filters, Stretch, slope
 
@@ -38,21 +39,6 @@ FEW = 0.05
 ROUNDS = 3
 
 
-def weighted(problem: Problem, excess: float) -> Problem:
-    """The problem with rows near rest weighted by the ``excess`` (λ) of their variance.
-
-    No law can change at speeds that are seldom seen elsewhere. Nor over ways, unless a contact is seen there: where the
-    excess is small.
-    """
-    equation = problem.equation
-    slowest, way = _hidden(problem)
-    shortest = way if excess > HIDDEN else 0.0
-    path = replace(equation.path, slowest=slowest, shortest=shortest)
-    afresh = None if equation.afresh is None else replace(equation.afresh, slowest=slowest, shortest=shortest)
-    weights = 1.0 / (1.0 + excess * shares(problem)) ** 2
-    return replace(problem, equation=replace(equation, path=path, afresh=afresh, weights=weights))
-
-
 @dataclass(frozen=True)
 class WeightedFit:
     """A fit with weights of its own, the ``excess`` that they are made from, and how unlikely what it leaves is: the
@@ -63,17 +49,62 @@ class WeightedFit:
     doubt: float
 
 
-def fit_weighted(problem: Problem, model: FrictionModel) -> WeightedFit:
-    """The model with weights of its own.
+@dataclass(frozen=True)
+class NearRest:
+    """What of the rows of ``problem`` lies near rest.
 
-    Raises ExperimentError where there are too few rows or nothing moves.
+    ``share`` (n,) is how much of the power of each row's filter does. Nearly all samples trained on that are not near
+    rest are faster than a film of ``slowest`` shows at, and further from the last turn than ``shortest``.
     """
-    share, excess = shares(problem), 0.0
-    fit = fit_friction(problem.equation, model, problem.train)
-    for _ in range(ROUNDS):
-        excess = likeliest_excess(fit.residual[problem.train], share[problem.train])
-        fit = fit_friction(weighted(problem, excess).equation, model, problem.train, near=fit.shape)
-    return WeightedFit(fit, excess, doubt(fit.residual[problem.train], share[problem.train], excess))
+
+    problem: Problem
+    share: FloatArray
+    slowest: float
+    shortest: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> "NearRest":
+        near = _near_rest(problem)
+        return cls(problem, _shares(problem, near), *_hidden(problem.equation.path, ~np.concatenate(near)))
+
+    def weighted(self, excess: float) -> Problem:
+        """The problem with rows near rest weighted by the ``excess`` (λ) of their variance.
+
+        No law can change at speeds that are seldom seen elsewhere. Nor over ways, unless a contact is seen there: where
+        the excess is small.
+        """
+        equation = self.problem.equation
+        shortest = self.shortest if excess > HIDDEN else 0.0
+        path = replace(equation.path, slowest=self.slowest, shortest=shortest)
+        afresh = equation.afresh
+        if afresh is not None:
+            afresh = replace(afresh, slowest=self.slowest, shortest=shortest)
+        variance = 1.0 + excess * self.share
+        return replace(self.problem, equation=replace(equation, path=path, afresh=afresh, variance=variance))
+
+    def fit(self, model: FrictionModel) -> WeightedFit:
+        """The model with weights of its own.
+
+        Raises ExperimentError where there are too few rows or nothing moves.
+        """
+        train, excess = self.problem.train, 0.0
+        fit = fit_friction(self.problem.equation, model, train)
+        for _ in range(ROUNDS):
+            excess = self.excess(fit)
+            fit = fit_friction(self.weighted(excess).equation, model, train, near=fit.shape)
+        return WeightedFit(fit, excess, doubt(fit.residual[train], self.share[train], excess))
+
+    def excess(self, fit: FrictionFit) -> float:
+        """The likeliest λ of what the fit leaves."""
+        train = self.problem.train
+        return likeliest_excess(fit.residual[train], self.share[train])
+
+
+def likeliest_excess(residual: FloatArray, share: FloatArray) -> float:
+    """The λ of a residual (n,) with the least doubt."""
+    if not np.any(share > 0):
+        return 0.0
+    return least(lambda excess: doubt(residual, share, excess), LEAST, MOST, TRIALS)
 
 
 def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:
@@ -82,35 +113,17 @@ def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:
     return float(np.mean(np.log(variance)) + np.log(max(float(np.mean(residual**2 / variance)), 1e-300)))
 
 
-def likeliest_excess(residual: FloatArray, share: FloatArray) -> float:
-    """The λ of a residual (n,) with the least doubt."""
-    if not np.any(share > 0):
-        return 0.0
-
-    def of(log_excess: float) -> float:
-        return doubt(residual, share, float(np.exp(log_excess)))
-
-    trials = np.linspace(np.log(LEAST), np.log(MOST), TRIALS)
-    at = int(np.argmin([of(each) for each in trials]))
-    if at == 0:
-        return 0.0
-    bounds = (trials[at - 1], trials[min(at + 1, TRIALS - 1)])
-    return float(np.exp(minimize_scalar(of, bounds=bounds, method="bounded").x))
-
-
-def shares(problem: Problem) -> FloatArray:
-    """Of the power of each row's filter, what lies near rest, shape (n,)."""
+def _shares(problem: Problem, near: Sequence[BoolArray]) -> FloatArray:
     filters = problem.filters
     power = filters.anti_alias(_pulse(filters)) ** 2
     power /= np.sum(power)
-    each = [signal.convolve(near.astype(np.float64), power, "same") for near in _near_rest(problem)]
+    each = [signal.convolve(part.astype(np.float64), power, "same") for part in near]
     return np.clip(np.concatenate(each)[problem.pick], 0.0, 1.0)
 
 
-def _hidden(problem: Problem) -> tuple[float, float]:
-    """The velocity of a film, and the way of a contact, that nearly all samples are beyond that are not near rest; in
-    training. Zero where all are near rest."""
-    away, path = ~np.concatenate(_near_rest(problem)), problem.equation.path
+def _hidden(path: Path, away: BoolArray) -> tuple[float, float]:
+    """The velocity of a film, and the way of a contact, that nearly all samples ``away`` from rest are beyond; of those
+    trained on. Zero where there are none."""
     if path.trained is not None:
         away = away & path.trained
     if not away.any():

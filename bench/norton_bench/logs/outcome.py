@@ -272,8 +272,7 @@ def _late(estimates: Sequence[Estimate], problem: Problem) -> Iterator[str]:
 
 def _near_rest(problem: Problem) -> Iterator[str]:
     """How many rows trained on count for less than half."""
-    weights = problem.equation.weights
-    share = 0.0 if weights is None else float(np.mean(weights[problem.train] < HALF))
+    share = float(np.mean(problem.equation.scale[problem.train] ** 2 < HALF))
     if share > WORTH_SAYING:
         yield (
             f"Near rest, in {share:.0%} of the rows, friction is not what the law says of its velocity: it sticks, or "

@@ -36,7 +36,7 @@ def predictions(problem: Problem, fit: FrictionFit, unit: str) -> Predictions:
     time_s = np.concatenate([stretch.time_s for stretch in problem.stretches])[problem.pick]
     part = np.where(problem.train, "train", np.where(problem.test, "test", "neither"))
     slopes = _slopes(problem, fit)
-    variance = (fit.rms / fit.roots) ** 2 + np.einsum("kn,kl,ln->n", slopes, fit.covariance, slopes)
+    variance = fit.noise_variance + np.einsum("kn,kl,ln->n", slopes, fit.covariance, slopes)
     variance = variance + _wandering(fit) * _untrained_s(problem, places, time_s)
     return Predictions(
         places.tolist(),
