@@ -78,9 +78,8 @@ class FrictionFit:
 
     @property
     def noise_variance(self) -> FloatArray:
-        """Of every row's error, shape (n,): a row of scale s has 1/s times the variance of one of scale 1."""
-        best = np.mean(self.scale[self.rows] * self.residual[self.rows] ** 2)
-        return np.asarray(best / self.scale)
+        """Of every row's error, shape (n,)."""
+        return np.asarray(np.mean((self.scale * self.residual)[self.rows] ** 2) / self.scale**2)
 
 
 def scaled_rms(scaled: FloatArray, scale: FloatArray) -> float:

@@ -94,7 +94,7 @@ class Equation:
     such a beginning. None: what is held out goes on from what lies before it.
 
     ``variance`` (n,) is that of each row's error in units of the best rows': rows that no model can describe have more
-    than one. Rows are divided by it. None: all are alike.
+    than one. Rows are divided by its root. None: all are alike.
 
     Raises ExperimentError where a number is missing or infinite.
     """
@@ -120,7 +120,7 @@ class Equation:
     @property
     def scale(self) -> FloatArray:
         """What each row is multiplied by, (n,)."""
-        return np.ones(self.target.size) if self.variance is None else 1.0 / self.variance
+        return np.ones(self.target.size) if self.variance is None else 1.0 / np.sqrt(self.variance)
 
 
 def blocked_folds(count: int, folds: int = 5) -> IntArray:

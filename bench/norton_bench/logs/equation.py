@@ -189,10 +189,12 @@ class Problem:
 class Rows:
     """Which samples of all stretches joined become rows, and the filter that they pass on the way.
 
-    ``starts`` (stretches + 1,) are the first samples of the stretches, and the end; ``pick`` (n,) the rows' samples.
+    ``starts`` (stretches + 1,) are the first samples of the stretches, and the end; ``sound`` says which of all rows
+    are used, ``pick`` (n,) are their samples.
     """
 
     starts: IntArray
+    sound: BoolArray
     pick: IntArray
     filters: Filters
 
@@ -202,12 +204,12 @@ class Rows:
         starts = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         sound = np.concatenate([_settled(term.sound, filters.margin) for term in terms])
         places = np.concatenate([np.arange(a, b, filters.factor) for a, b in pairwise(starts)])
-        return cls(starts, places[sound[places]], filters)
+        return cls(starts, sound[places], places[sound[places]], filters)
 
     def process(self, samples: FloatArray) -> FloatArray:
         """Columns at the samples' rate, (columns, samples), as rows, (columns, n)."""
-        pieces = [self.filters.anti_alias(samples[:, a:b]) for a, b in pairwise(self.starts)]
-        return np.asarray(np.concatenate(pieces, axis=1)[:, self.pick])
+        pieces = [self.filters.decimated(samples[:, a:b]) for a, b in pairwise(self.starts)]
+        return np.asarray(np.concatenate(pieces, axis=1)[:, self.sound])
 
 
 Splits = Sequence[tuple[BoolArray, BoolArray]]

@@ -20,13 +20,14 @@ CUTOFF = 0.1
 ROWS = 0.1
 HIGHEST_CUTOFF = 0.4
 SLOWEST_ROWS_HZ = 100.0
-# Before decimation: 8th order Chebyshev, 0.05 dB of ripple up to this share of the new Nyquist frequency.
+# Decimation: a sinc of this share of the new Nyquist frequency in Kaiser's window, as long as a row remembers. What is
+# beyond this many rows has no part in a row at all: a sharper filter rings on, and carries every jump of friction far.
 PASS = 0.8
+SETTLED_ROWS = 5
 # Only the motion passes the low-pass, both sides the decimation: so that it takes nothing from what is left of the
 # other side, its cutoff is by this much above. There a Butterworth of 4th order, both ways, is at 0.9993.
 ABOVE = 2.5
-# Filters have settled after this many rows, or periods of the cutoff.
-SETTLED_ROWS = 5
+# The low-pass has settled after this many periods of its cutoff.
 SETTLED_PERIODS = 2
 
 
@@ -62,16 +63,28 @@ class Filters:
         sos = signal.butter(4, self.cutoff_hz, fs=1 / self.dt_s, output="sos")
         return np.asarray(signal.sosfiltfilt(sos, values))
 
-    def anti_alias(self, values: FloatArray) -> FloatArray:
-        """Rows of shape (columns, n) as they are before every ``factor``-th is taken."""
+    @property
+    def kernel(self) -> FloatArray:
+        """How much each sample around a row has of it, (2 m + 1,)."""
+        return _kernel(self.factor)
+
+    def decimated(self, samples: FloatArray) -> FloatArray:
+        """Of shape (columns, n), filtered at every ``factor``-th sample from the first on."""
         if self.factor == 1:
-            return values
-        return np.asarray(signal.sosfiltfilt(_chebyshev(self.factor), values, axis=-1))
+            return samples
+        rows = signal.upfirdn(self.kernel, samples, down=self.factor, axis=-1)
+        count = -(-samples.shape[-1] // self.factor)
+        return np.asarray(rows[:, SETTLED_ROWS : SETTLED_ROWS + count])
 
 
 @cache
-def _chebyshev(factor: int) -> FloatArray:
-    return np.asarray(signal.cheby1(8, 0.05, PASS / factor, output="sos"))
+def _kernel(factor: int) -> FloatArray:
+    if factor == 1:
+        return np.ones(1)
+    # Kaiser's window for a transition that ends at the new Nyquist frequency.
+    taps = 2 * SETTLED_ROWS * factor + 1
+    beta = signal.kaiser_beta(signal.kaiser_atten(taps, 2 * (1 - PASS) / factor))
+    return np.asarray(signal.firwin(taps, PASS / factor, window=("kaiser", beta)))
 
 
 def slope(values: FloatArray, dt_s: float) -> FloatArray:

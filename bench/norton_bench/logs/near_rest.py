@@ -4,9 +4,8 @@ Where a shaft sticks, friction holds whatever pulls at it, up to its limit; a ve
 sign; and where it turns, friction jumps at an instant that samples and low-pass show only roughly. That error passes
 the rows' filter as everything does: a row's variance is that of the others times 1 + λ g, g the share of the filter's
 power that lies near rest. λ is the likeliest for what is left of the equation (groupwise heteroscedasticity; Greene,
-Econometric Analysis, section 9.7). Rows are divided by their variance, and not by its root: friction at rest is never
-more than the law's, so that the error has a mean too, which the root alone would let through. Where a contact that
-deflects describes these rows as well as the others, λ is next to nothing, and they count like any other.
+Econometric Analysis, section 9.7). Where a contact that deflects describes these rows as well as the others, λ is next
+to nothing, and they count like any other.
 """
 
 from collections.abc import Sequence
@@ -114,9 +113,7 @@ def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:
 
 
 def _shares(problem: Problem, near: Sequence[BoolArray]) -> FloatArray:
-    filters = problem.filters
-    power = filters.anti_alias(_pulse(filters)) ** 2
-    power /= np.sum(power)
+    power = problem.filters.kernel**2 / np.sum(problem.filters.kernel**2)
     each = [signal.convolve(part.astype(np.float64), power, "same") for part in near]
     return np.clip(np.concatenate(each)[problem.pick], 0.0, 1.0)
 
