@@ -17,7 +17,16 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
-from norton_bench.logs.servo import LADDER, UNITS, Box, FittedLogs, ServoFit, ServoLog, ServoModel, fit_servo
+from norton_bench.logs.servo import (
+    LADDER,
+    UNITS,
+    Box,
+    FittedLogs,
+    ServoFit,
+    ServoLog,
+    ServoModel,
+    fit_servo,
+)
 from norton_bench.models.parameters import Estimate, Status
 
 # Resistance between the supply and the switches that is reckoned with, over the winding's.
@@ -25,22 +34,30 @@ SOURCE_SHARE = 0.3
 # A box reaches this many times its scale.
 REACH = 20.0
 LARGEST_COEFFICIENT = 2.0
+# Beyond it the map has the wrong zero, and has to name it.
+LARGEST_ZERO_RAD = 0.5
 # A fit that errs more on what it has not seen than this many times what it errs in training, and more than this share
 # of the spread, is one of many that the training data allow.
 OVERFITTED = 3.0
 FORETOLD = 0.1
+# Of the squared error in training: where another law leaves less than this share, these logs do not say which is right.
+RIVAL = 0.5
 
 
 # The ladder of servos: each is fitted to some of the logs and judged on those that it has not seen.
 @dataclass(frozen=True)
 class Beginning:
-    """What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales."""
+    """What the equation of motion says, in SI: gain per volt (or ampere), damping with back-EMF, and scales.
+
+    ``gravity`` is that of a load whose angle at rest the map does not give; 0 if there is none.
+    """
 
     gain: float
     inertia: float
     damping: float
     coulomb: float
     offset: float
+    gravity: float
     exertion_rms: float
     velocity_rms: float
     on_voltage: bool
@@ -49,13 +66,18 @@ class Beginning:
 
 @dataclass(frozen=True)
 class ServoRung:
-    """One model. Errors are rms, over the spread of the positions."""
+    """One model, fitted to pieces of ``longest_s``. Errors are rms of whole logs, over the spread of the positions.
+
+    ``rivals`` are models that leave far less in training.
+    """
 
     fit: ServoFit
+    longest_s: float
     train_relative: float
     held_out_relative: float
     held_out_std: float
     selected: bool = False
+    rivals: tuple[str, ...] = ()
 
     @property
     def predicts(self) -> bool:
@@ -69,16 +91,53 @@ def servo_ladder(trial: FittedLogs, begin: Beginning, models: Sequence[ServoMode
     Selected is the one that errs least on what was held out, where every number costs ``LEAST_GAIN`` of the error.
     Folds are too few, and what sticks in one of them too rough, for a standard error between models to mean much.
     """
-    folds = held_out(trial)
+    lengths_s = piece_lengths_s(trial, begin)
     rungs: list[ServoRung] = []
     for model in models:
-        boxes = boxes_of(model, begin)
         starts = [start_of(begin), *(rung.fit.values for rung in rungs[-1:])]
-        fit = fit_servo(trial, model, boxes, starts)
-        rungs.append(_judged(trial, folds, fit, boxes))
+        rungs.append(_in_pieces(trial, model, boxes_of(model, begin), starts, lengths_s))
     costs = [rung.held_out_relative * (1 + LEAST_GAIN) ** len(rung.fit.values) for rung in rungs]
     chosen = int(np.argmin(costs))
-    return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
+    return tuple(
+        replace(rung, selected=index == chosen, rivals=_rivals(rung, rungs)) for index, rung in enumerate(rungs)
+    )
+
+
+def _rivals(rung: ServoRung, rungs: Sequence[ServoRung]) -> tuple[str, ...]:
+    return tuple(each.fit.model.name for each in rungs if each.train_relative**2 < RIVAL * rung.train_relative**2)
+
+
+def piece_lengths_s(trial: FittedLogs, begin: Beginning) -> tuple[float, ...]:
+    """One swing of the motion, two, four, and so on to the longest log as a whole."""
+    swing_s = 2 * np.pi * trial.spread / begin.velocity_rms
+    longest_s = max(
+        float(np.ptp(log.inputs.time_s[rows])) for log, rows in zip(trial.logs, trial.chosen, strict=True) if rows.any()
+    )
+    doublings = max(int(np.ceil(np.log2(longest_s / swing_s))), 0)
+    return tuple(swing_s * 2.0**power for power in range(doublings + 1))
+
+
+def _in_pieces(
+    trial: FittedLogs,
+    model: ServoModel,
+    boxes: Mapping[str, Box],
+    starts: Sequence[Mapping[str, float]],
+    lengths_s: Sequence[float],
+) -> ServoRung:
+    """Fitted to pieces that each begin as measured (multiple shooting; Bock 1983), of the length that foretells best.
+
+    A short piece stays near the log, so that its error is smooth in the parameters; a long one shows what adds up. Each
+    length is searched from where the one before it led, too. Of lengths that foretell as well as the
+    best, but for ``LEAST_GAIN``, the longest is used.
+    """
+    folds = held_out(trial)
+    rungs: list[ServoRung] = []
+    for longest_s in lengths_s:
+        so_far = [rung.fit.values for rung in rungs[-1:]]
+        fit = fit_servo(trial.pieces(longest_s), model, boxes, [*starts, *so_far])
+        rungs.append(_judged(trial, folds, fit, boxes, longest_s))
+    least = min(rung.held_out_relative for rung in rungs)
+    return next(rung for rung in reversed(rungs) if rung.held_out_relative <= (1 + LEAST_GAIN) * least)
 
 
 def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
@@ -94,7 +153,7 @@ def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
     wide["coulomb_torque"] = (0.1 * begin.exertion_rms, 0.0)
     boxes = {name: Box(scale, low * scale, REACH * scale) for name, (scale, low) in wide.items()}
     size = 0.1 * begin.exertion_rms
-    boxes["offset"] = Box(size, -REACH * size, REACH * size)
+    boxes |= _zero_box(begin, size)
     extra = {
         "stribeck_torque": Box(size, 0.0, REACH * size),
         "stribeck_velocity": Box(begin.velocity_rms, 1e-2 * begin.velocity_rms, REACH * begin.velocity_rms),
@@ -104,12 +163,21 @@ def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
     return boxes | {name: extra[name] for name in model.extra}
 
 
+def _zero_box(begin: Beginning, size: float) -> dict[str, Box]:
+    """What is constant. A load that hangs has a zero that is not exactly the encoder's; a constant torque has no such
+    cause there, and the two differ at larger angles."""
+    if begin.gravity:
+        return {"gravity_zero": Box(size / abs(begin.gravity), -LARGEST_ZERO_RAD, LARGEST_ZERO_RAD)}
+    return {"offset": Box(size, -REACH * size, REACH * size)}
+
+
 def start_of(begin: Beginning) -> dict[str, float]:
     """A motor's damping is taken as mostly back-EMF, its resistance as partly the source's."""
     start = {
         "inertia": begin.inertia,
         "coulomb_torque": begin.coulomb,
         "offset": begin.offset,
+        "gravity_zero": -begin.offset / begin.gravity if begin.gravity else 0.0,
         "stribeck_velocity": 0.3 * begin.velocity_rms,
         "load_coefficient": 0.2,
         "load_stiction_coefficient": 0.1,
@@ -150,19 +218,24 @@ def _halves(rows: BoolArray) -> tuple[BoolArray, BoolArray]:
 
 
 def _judged(
-    trial: FittedLogs, folds: Sequence[tuple[BoolArray, ...]], fit: ServoFit, boxes: Mapping[str, Box]
+    trial: FittedLogs,
+    folds: Sequence[tuple[BoolArray, ...]],
+    fit: ServoFit,
+    boxes: Mapping[str, Box],
+    longest_s: float,
 ) -> ServoRung:
     squares: list[float] = []
     others: list[ServoFit] = []
     for fold in folds:
         rest = tuple(rows & ~out for rows, out in zip(trial.chosen, fold, strict=True))
-        others.append(fit_servo(FittedLogs(trial.logs, rest), fit.model, boxes, [fit.values], scattered=0, hops=0))
+        pieces = FittedLogs(trial.logs, rest).pieces(longest_s)
+        others.append(fit_servo(pieces, fit.model, boxes, [fit.values], scattered=0, hops=0))
         unseen = FittedLogs(trial.logs, fold).each(others[-1].values)
         squares += [float(np.mean(error[out] ** 2)) for error, out in zip(unseen, fold, strict=True) if out.any()]
     fit = replace(fit, deviations=_widened(fit, others))
     train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
     rms, std = held_out_rms(squares)
-    return ServoRung(fit, train / trial.spread, rms / trial.spread, std / trial.spread)
+    return ServoRung(fit, longest_s, train / trial.spread, rms / trial.spread, std / trial.spread)
 
 
 def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:
@@ -242,13 +315,16 @@ def beginning(column_map: ColumnMap, problem: Problem, fit: FrictionFit) -> Begi
         )
     # A scale is never nothing: an estimate may be, or below.
     damping = max(known.get("viscous_damping", 0.0), SMALL * exertion_rms / velocity_rms)
-    load = problem.stretches[0].log.given("load", "inertia") or 0.0
+    given = problem.stretches[0].log.given
+    load = given("load", "inertia") or 0.0
+    hangs = not column_map.translation and given("load", "gravity_zero") is None
     return Beginning(
         gain=gain,
         inertia=max(known.get("inertia", 0.0), SMALL * load),
         damping=damping,
         coulomb=max(known.get("coulomb_torque", 0.0), 0.0),
         offset=known.get("offset", 0.0),
+        gravity=(given("load", "gravity") or 0.0) if hangs else 0.0,
         exertion_rms=exertion_rms,
         velocity_rms=velocity_rms,
         on_voltage=column_map.actuator.voltage_driven,
@@ -289,7 +365,7 @@ def _status(name: str, rung: ServoRung, scale: float, *, doubtful: bool) -> Stat
     if name in fit.at_bound:
         return Status.AT_BOUND
     sure = fit.deviations[name] <= UNEXCITED_BEYOND * max(abs(fit.values[name]), SMALL * scale)
-    return Status.VALID if sure and rung.predicts else Status.UNEXCITED
+    return Status.VALID if sure and rung.predicts and not rung.rivals else Status.UNEXCITED
 
 
 def _figures(trial: FittedLogs, fit: ServoFit, unit: str) -> ErrorFigures | None:
@@ -316,6 +392,11 @@ def _verdict(rung: ServoRung) -> tuple[str, ...]:
         sentences.append(
             "They do not predict what was held out: many others would follow these logs as well; use more logs, and "
             "several gains of the loop."
+        )
+    elif rung.rivals:
+        sentences.append(
+            f"{', '.join(rung.rivals)} leaves less than half of the squared error in training: the logs do not bear "
+            "out this friction, and no number is sure; use more and longer logs, or that model where it holds."
         )
     if "source_resistance" in fit.values:
         sentences.append(

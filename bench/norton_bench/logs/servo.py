@@ -1,8 +1,9 @@
 """A servo with a known load, simulated from its goal or its command alone: what is known of it and what is sought."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import accumulate
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+from math import ceil
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -26,6 +27,7 @@ UNITS = {
     "viscous_damping": ("N*m*s/rad", "N*s/m"),
     "coulomb_torque": ("N*m", "N"),
     "offset": ("N*m", "N"),
+    "gravity_zero": ("rad", "rad"),
     "stribeck_torque": ("N*m", "N"),
     "load_coefficient": ("1", "1"),
     "load_stiction_coefficient": ("1", "1"),
@@ -61,14 +63,26 @@ class ServoLog:
 
     @classmethod
     def of(cls, stretch: Stretch, *, translation: bool) -> "ServoLog":
-        position, few = stretch.columns["position"], slice(0, START_SAMPLES)
+        position = stretch.columns["position"]
         return cls(
             inputs=inputs_of(stretch)._replace(supply=_supply(stretch)),
             load=load_of(stretch, translation=translation),
             loop=loop_of(stretch, sampled=False),
             position=position,
-            start_velocity=float(np.polyfit(stretch.time_s[few], position[few], 1)[0]),
+            start_velocity=_velocity(stretch.time_s, position, 0),
         )
+
+    def part(self, begin: int, end: int) -> "ServoLog":
+        """Its samples from ``begin`` to before ``end``, as a log that begins there as it was measured."""
+        rows = slice(begin, end)
+        velocity = _velocity(self.inputs.time_s, self.position, begin) if begin else self.start_velocity
+        return replace(self, inputs=self.inputs.part(rows), position=self.position[rows], start_velocity=velocity)
+
+
+def _velocity(time_s: FloatArray, position: FloatArray, at: int) -> float:
+    """The slope of a line through the samples around ``at``, or behind it where nothing is before."""
+    few = slice(max(at - START_SAMPLES // 2, 0), max(at + START_SAMPLES // 2, START_SAMPLES))
+    return float(np.polyfit(time_s[few], position[few], 1)[0])
 
 
 def _supply(stretch: Stretch) -> FloatArray:
@@ -95,7 +109,8 @@ def simulate_motion(log: ServoLog, values: Mapping[str, float], longest_s: float
         ),
         offset=get("offset", 0.0),
     )
-    return simulate(axis, log.load, log.loop, log.inputs, float(log.position[0]), log.start_velocity, longest_s)
+    load = log.load._replace(gravity_zero=log.load.gravity_zero + get("gravity_zero", 0.0))
+    return simulate(axis, load, log.loop, log.inputs, float(log.position[0]), log.start_velocity, longest_s)
 
 
 def joined_time(logs: Sequence[ServoLog]) -> FloatArray:
@@ -155,6 +170,11 @@ class FittedLogs:
         for log, rows in zip(self.logs, self.chosen, strict=True):
             yield log.position - simulate_motion(log, values) if rows.any() else np.zeros(rows.shape)
 
+    def pieces(self, longest_s: float) -> "FittedLogs":
+        """The chosen samples alone, in pieces of even length that each begin as measured (multiple shooting)."""
+        cut = [piece for log, rows in zip(self.logs, self.chosen, strict=True) for piece in _cut(log, rows, longest_s)]
+        return FittedLogs(tuple(cut), tuple(np.ones(piece.position.size, dtype=bool) for piece in cut))
+
     @property
     def spread(self) -> float:
         """Of the chosen positions about their mean."""
@@ -164,6 +184,16 @@ class FittedLogs:
     @property
     def time_s(self) -> FloatArray:
         return joined_time(self.logs)[np.concatenate(self.chosen)]
+
+
+def _cut(log: ServoLog, rows: BoolArray, longest_s: float) -> Iterator[ServoLog]:
+    edges = np.flatnonzero(np.diff(rows, prepend=False, append=False))
+    for first, last in edges.reshape(-1, 2).tolist():
+        span_s = float(log.inputs.time_s[last - 1] - log.inputs.time_s[first])
+        count = min(max(ceil(span_s / longest_s), 1), max((last - first) // START_SAMPLES, 1))
+        run = log.part(first, last)
+        for begin, end in pairwise(np.linspace(0, last - first, count + 1).astype(int).tolist()):
+            yield run.part(begin, end)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ BEGIN = Beginning(
     damping=0.055,
     coulomb=0.03,
     offset=0.0,
+    gravity=0.0,
     exertion_rms=0.2,
     velocity_rms=2.0,
     on_voltage=True,
@@ -47,6 +48,17 @@ def test_the_truth_is_found_within_its_deviations(rungs: tuple[ServoRung, ...]) 
         # The fit's own steps, coarser than the truth's, are worth another hundredth.
         assert abs(found - truth) < 3 * deviation + 0.01 * truth, name
         assert deviation < 0.3 * truth, name
+
+
+def test_a_load_whose_zero_is_not_known_gets_its_zero() -> None:
+    """A pendulum that hangs at rest at 30 mrad of the encoder, and no constant torque."""
+    truth = {name: value for name, value in TRUTH.items() if name != "offset"} | {"gravity_zero": 0.03}
+    logs = [measured(pendulum(gain, phase=phase), truth) for gain in (0.3, 0.7) for phase in (0.0, 1.2)]
+    trial = FittedLogs(tuple(logs), tuple(np.ones(log.position.size, dtype=bool) for log in logs))
+    (rung,) = servo_ladder(trial, replace(BEGIN, gravity=0.5), LADDER[2:3])
+    assert "offset" not in rung.fit.values
+    assert rung.fit.values["gravity_zero"] == pytest.approx(0.03, abs=3 * rung.fit.deviations["gravity_zero"] + 3e-4)
+    assert rung.fit.deviations["gravity_zero"] < 0.005
 
 
 def test_a_tick_is_left_and_another_gain_is_foretold(rungs: tuple[ServoRung, ...]) -> None:

@@ -1,5 +1,7 @@
 """A hobby servo measured by other people: what was learned at low gains predicts what it does at a high one."""
 
+from dataclasses import replace
+
 import pytest
 
 from norton_bench.logs.column_map import load_map
@@ -8,23 +10,24 @@ from norton_bench.logs.results import LogFit
 from norton_bench.models.parameters import Status
 from tests.bench.real_data import ROOT, data_file
 
-# Mean absolute error of the position at kp 800, rad: what is asked of us.
-ASKED_RAD = 0.09
+# Mean absolute error of the position at kp 800, rad. The last of these logs sticks at one of two places.
+MOST_RAD = 0.06
 # A refit of Coulomb and viscous friction alone, trained and tested on the same logs, came to 0.045 and 0.102.
 REFIT_RAD = 0.045
 
 
 @pytest.fixture(scope="module")
 def xl330() -> LogFit:
-    folder = data_file("xl330")
-    return fit_logs(Request(tuple(sorted(folder.glob("*.json"))), load_map(ROOT / "examples" / "logs" / "xl330.toml")))
+    folder, shipped = data_file("xl330"), load_map(ROOT / "examples" / "logs" / "xl330.toml")
+    few = shipped.model.model_copy(update={"candidates": ("load-dependent", "load-dependent-stribeck")})
+    return fit_logs(Request(tuple(sorted(folder.glob("*.json"))), replace(shipped, model=few)))
 
 
 def test_motion_at_another_gain_is_predicted(xl330: LogFit) -> None:
     assert xl330.train.motion is not None
     assert xl330.test.motion is not None
     assert xl330.train.motion.mean_absolute < 0.5 * REFIT_RAD
-    assert xl330.test.motion.mean_absolute <= ASKED_RAD
+    assert xl330.test.motion.mean_absolute <= MOST_RAD
 
 
 def test_friction_was_selected_on_what_was_held_out(xl330: LogFit) -> None:
@@ -53,4 +56,4 @@ def test_one_short_log_gives_no_confident_numbers() -> None:
     (log,) = [data_file("xl330", "kp200_sin_sin.json")]
     fit = fit_logs(Request((log,), load_map(ROOT / "examples" / "logs" / "xl330.toml"), train="0:6 s"))
     assert not any(estimate.status is Status.VALID for estimate in fit.estimates)
-    assert any("predict" in sentence for sentence in fit.verdict)
+    assert any("do not bear out this friction" in sentence for sentence in fit.verdict)
