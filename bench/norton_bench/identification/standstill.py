@@ -12,6 +12,9 @@ FLAT_ROWS = 5
 BEFORE_ROWS = 5
 # A parabola whose top fills one step of the sensor for FLAT_ROWS falls by 8 steps in the BEFORE_ROWS before it.
 ABRUPT_STEPS = 16
+# What slows down to rest goes at most 12/20 of the way in two rows that it went in the two before, even if it rests a
+# whole row after them; what is cut off at speed goes as far.
+SLOWED = 0.8
 # What comes from this far in one row was told to step.
 STEP = 0.2
 FROZEN_ROWS = 20
@@ -113,7 +116,8 @@ def _fast(side: FloatArray, step: float, span: float) -> bool:
     if len(side) <= BEFORE_ROWS:
         return False
     way, last = abs(side[-1] - side[0]), abs(side[-1] - side[-2])
-    return bool(way > ABRUPT_STEPS * step and last < STEP * span)
+    first, then = abs(side[2] - side[0]), abs(side[4] - side[2])
+    return bool(way > ABRUPT_STEPS * step and then > SLOWED * first and last < STEP * span)
 
 
 # A reading that leaves both neighbours behind by so many times what readings usually change is no reading.
