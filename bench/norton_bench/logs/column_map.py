@@ -132,6 +132,7 @@ class ColumnsSection(MapSection):
     time: ColumnSection | None = Field(None, examples=[{"name": "t", "unit": "s"}])
     position: ColumnSection | None = Field(None, examples=[{"name": "q", "unit": "rad"}])
     velocity: ColumnSection | None = Field(None, examples=[{"name": "w", "unit": "rad/s"}])
+    link_position: ColumnSection | None = Field(None, examples=[{"name": "q_link", "unit": "rad"}])
     command: ColumnSection | None = Field(None, examples=[{"name": "u", "unit": "V"}])
     exertion: ColumnSection | None = Field(None, examples=[{"name": "torque", "unit": "N*m"}])
     goal: ColumnSection | None = Field(None, examples=[{"name": "goal", "unit": "rad"}])
@@ -317,6 +318,8 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add(
             "[columns] position", f'is missing; add position = {{ name = "q", unit = "{column_map.units.motion}" }}'
         )
+    if columns.link_position is not None and columns.position is None:
+        mistakes.add("[columns] link_position", "is beyond a joint that gives; add the motor's as [columns] position")
     if columns.command is None and columns.exertion is None:
         mistakes.add("[columns]", "neither command nor exertion is given; add the one that the log holds")
     if columns.command is None and column_map.actuator.torque_gain is not None:
@@ -353,6 +356,8 @@ def _check_refinement(column_map: ColumnMap, mistakes: Mistakes) -> None:
     columns = column_map.columns
     if columns.position is None or columns.command is None:
         mistakes.add("[model] refine", "needs a position to follow and a command; map both, or leave it out")
+    if columns.link_position is not None:
+        mistakes.add("[model] refine", "is of a joint that does not give; leave it out, or [columns] link_position")
     if columns.exertion is not None:
         mistakes.add("[model] refine", "is for a log without a torque sensor; leave it out, or the exertion")
     if column_map.load.inertia is None:

@@ -17,6 +17,9 @@ from norton_bench.logs.motion import Delays, Motion, moved
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
+# The spring of a joint that gives, as a column of the equation where nothing tells what it transmits.
+LINK_STIFFNESS, LINK_DAMPING = "link_stiffness", "link_damping"
+
 
 # What a stretch's columns mean in the equation of motion: motion, drive, and what the known load asks for.
 #
@@ -25,10 +28,12 @@ from norton_bench.logs.steps import Inputs, Load, Loop
 class Terms:
     """One stretch at its own rate, before the decimation; arrays (n,). ``gain`` is None where it is unknown.
 
-    ``pressing`` is what presses on the surfaces that rub, None where nothing tells.
+    ``link`` is the motion beyond a joint that gives, None where it was not logged; ``pressing`` is what presses on the
+    surfaces that rub, None where nothing tells.
     """
 
     motion: Motion
+    link: Motion | None
     drive: FloatArray | None
     gain: float | None
     port: FloatArray | None
@@ -45,17 +50,29 @@ class Terms:
         drive = drive_of(stretch)
         if drive is not None and delays.command_s != later_s:
             drive = moved(drive, stretch.dt_s, later_s - delays.command_s)
+        logged = stretch.columns.get("link_position")
+        link = None if logged is None else Motion.of_position(logged, filters, later_s)
+        translation = column_map.translation
         return cls(
             motion=motion,
+            link=link,
             drive=drive,
             gain=stretch.log.given("actuator", "torque_gain"),
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
-            load=None if port is not None else _known_load(stretch, motion, translation=column_map.translation),
-            pressing=_pressing(stretch, motion, port, translation=column_map.translation),
+            load=None if port is not None else _known_load(stretch, link or motion, translation=translation),
+            pressing=_pressing(stretch, link or motion, port, translation=translation),
             temperature=stretch.columns.get("temperature"),
             sound=stretch.sound & enabled(stretch) & _inside(stretch, delays),
         )
+
+    @property
+    def twist(self) -> FloatArray | None:
+        """Of the joint that gives, and its rate, (2, n)."""
+        if self.link is None:
+            return None
+        motor, link = self.motion, self.link
+        return np.stack([motor.position - link.position, motor.velocity - link.velocity])
 
 
 def _pressing(stretch: Stretch, motion: Motion, port: FloatArray | None, *, translation: bool) -> FloatArray | None:
@@ -172,6 +189,18 @@ class Problem:
     delays: Delays
     pick: IntArray
     drift_s: float | None
+
+    def joined(self, name: str) -> FloatArray | None:
+        """A field of the terms, at the samples' rate of all stretches; None where it is not known."""
+        return _joined(self.terms, name)
+
+    @property
+    def transmitted(self) -> FloatArray | None:
+        """What the port is driven with, by a sensor or by a known load, at the samples' rate, filtered as the motion
+        is; None where none tells."""
+        if self.terms[0].port is None:
+            return self.joined("load")
+        return np.concatenate([self.filters.smooth(term.port) for term in self.terms if term.port is not None])
 
     @property
     def exertion_rms(self) -> float:
@@ -290,7 +319,7 @@ def _running(time_s: FloatArray) -> FloatArray:
 
 def _joined(terms: Sequence[Terms], name: str) -> FloatArray | None:
     values = [getattr(term, name) for term in terms]
-    return None if values[0] is None else np.concatenate(values)
+    return None if values[0] is None else np.concatenate(values, axis=-1)
 
 
 def _path(parts: Sequence[Stretch], terms: Sequence[Terms], rows: Rows, trained: Sequence[BoolArray]) -> Path:
@@ -342,6 +371,9 @@ def _others(
         columns["torque_gain"] = drive
     if model.inertia:
         columns["inertia"] = -np.concatenate([term.motion.acceleration for term in terms])
+    twist = _joined(terms, "twist")
+    if twist is not None and terms[0].port is None and terms[0].load is None:
+        columns |= {LINK_STIFFNESS: -twist[0], LINK_DAMPING: -twist[1]}
     if model.gravity and not column_map.translation:
         columns |= {"gravity_sine": -np.sin(position), "gravity_cosine": -np.cos(position)}
     period = parts[0].log.given("model", "cogging_period")

@@ -39,7 +39,7 @@ def at_joint(
     return result, known
 
 
-MOTIONS = ("position", "velocity", "goal")
+MOTIONS = ("position", "velocity", "link_position", "goal")
 EXERTIONS = ("exertion", "load")
 # Known numbers that are of the side of a column: they are per radian of the motor, or in its torque.
 GEARED: Mapping[Place, str] = {

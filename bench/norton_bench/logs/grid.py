@@ -63,6 +63,17 @@ class Filters:
         sos = signal.butter(4, self.cutoff_hz, fs=1 / self.dt_s, output="sos")
         return np.asarray(signal.sosfiltfilt(sos, values))
 
+    def noise(self, logged: FloatArray, sound: BoolArray) -> float:
+        """The deviation of white noise in what was logged (n,), of which the low-pass takes off a known part."""
+        pulse, passed = _pulse(self)
+        taken = logged - self.smooth(logged)
+        return float(np.std(taken[sound]) / np.linalg.norm(pulse - passed))
+
+    @property
+    def response(self) -> FloatArray:
+        """Of the low-pass to one sample of size 1, (2 m + 1,)."""
+        return _pulse(self)[1]
+
     @property
     def kernel(self) -> FloatArray:
         """How much each sample around a row has of it, (2 m + 1,)."""
@@ -75,6 +86,15 @@ class Filters:
         rows = signal.upfirdn(self.kernel, samples, down=self.factor, axis=-1)
         count = -(-samples.shape[-1] // self.factor)
         return np.asarray(rows[:, SETTLED_ROWS : SETTLED_ROWS + count])
+
+
+@cache
+def _pulse(filters: Filters) -> tuple[FloatArray, FloatArray]:
+    """One sample of size 1, and what the low-pass makes of it: long enough for all that it remembers, and for what it
+    goes on with beyond its ends."""
+    reach = max(2 * filters.margin, 32)
+    pulse = np.asarray(signal.unit_impulse(2 * reach + 1, "mid"))
+    return pulse, filters.smooth(pulse)
 
 
 @cache

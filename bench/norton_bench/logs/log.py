@@ -150,10 +150,12 @@ def _check_lengths(place: str, columns: Mapping[str, FloatArray]) -> None:
         raise UsageError(f"{place}: has {next(iter(lengths.values()))} rows; {LEAST_ROWS} are the least to learn from")
 
 
-MEASURED = ("position", "velocity", "exertion", "command")
+MEASURED = ("position", "velocity", "link_position", "exertion", "command")
 FLAT_LEAST = 0.001
 FROZEN_SHARE = 0.01
 NEAR_LIMIT = 0.01
+# A link may be locked for the whole of a log, so that its joint only twists.
+MAY_REST = ("link_position",)
 
 
 # Which rows of a log can be used: numbers in every column, and a clock that goes forward.
@@ -164,7 +166,7 @@ def check_constant(log: Log) -> None:
     """
     for name in MEASURED:
         values = log.columns.get(name)
-        if values is not None and np.ptp(values) == 0:
+        if values is not None and np.ptp(values) == 0 and name not in MAY_REST:
             mend = "leave it out of the map if the actuator was idle" if name == "command" else "check the column"
             raise UsageError(f"{log.place}: {name} is constant ({values[0]:.6g}): it tells nothing; {mend}")
 
@@ -174,9 +176,9 @@ def untrustworthy(log: Log) -> tuple[BoolArray, tuple[str, ...]]:
     wrong = np.zeros(len(log.time_s), dtype=bool)
     sentences = []
     for name in MEASURED:
-        if name not in log.columns:
+        values = log.columns.get(name)
+        if values is None or np.ptp(values) == 0:
             continue
-        values = log.columns[name]
         flat = rows_of(flat_tops(values), len(values)) & ~_limited(log, name)
         if np.count_nonzero(flat) >= FLAT_LEAST * len(values):
             wrong |= flat

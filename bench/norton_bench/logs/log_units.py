@@ -31,6 +31,7 @@ class Units:
             "time": "s",
             "position": self.motion,
             "velocity": f"{self.motion}/s",
+            "link_position": self.motion,
             "command": self.command,
             "exertion": self.exertion,
             "goal": self.motion,
@@ -45,6 +46,11 @@ class Units:
     def gain(self) -> str:
         """The unit of exertion per drive."""
         return f"{self.exertion}/({self.drive})" if self.drive else self.exertion
+
+    @property
+    def link(self) -> Mapping[str, str]:
+        """The units of the spring between motor and link."""
+        return {"link_stiffness": f"{self.exertion}/{self.motion}", "link_damping": f"{self.exertion}*s/{self.motion}"}
 
     @property
     def givens(self) -> Mapping[tuple[str, str], str]:

@@ -19,18 +19,18 @@ class Motion:
 
     @classmethod
     def of(cls, stretch: Stretch, filters: Filters, later_s: float = 0.0) -> "Motion":
-        """From the position or, where only velocity was logged, from that; ``later_s`` after each instant.
-
-        What is moved in time has passed the low-pass: between its samples nothing is lost.
-        """
-        dt_s = stretch.dt_s
+        """From the position or, where only velocity was logged, from that; ``later_s`` after each instant."""
         if "position" in stretch.columns:
-            position = moved(filters.smooth(stretch.columns["position"]), dt_s, later_s)
-            velocity = slope(position, dt_s)
-        else:
-            velocity = moved(filters.smooth(stretch.columns["velocity"]), dt_s, later_s)
-            position = integral(velocity, dt_s)
-        return cls(position, velocity, slope(velocity, dt_s))
+            return cls.of_position(stretch.columns["position"], filters, later_s)
+        velocity = moved(filters.smooth(stretch.columns["velocity"]), filters.dt_s, later_s)
+        return cls(integral(velocity, filters.dt_s), velocity, slope(velocity, filters.dt_s))
+
+    @classmethod
+    def of_position(cls, logged: FloatArray, filters: Filters, later_s: float) -> "Motion":
+        """What is moved in time has passed the low-pass: between its samples nothing is lost."""
+        position = moved(filters.smooth(logged), filters.dt_s, later_s)
+        velocity = slope(position, filters.dt_s)
+        return cls(position, velocity, slope(velocity, filters.dt_s))
 
 
 # Samples beyond what is asked for, so that the end of a spline is far away.

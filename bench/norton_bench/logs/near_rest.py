@@ -153,17 +153,8 @@ def _of_stretch(stretch: Stretch, term: Terms, filters: Filters) -> BoolArray:
 
 
 def _velocity_deviation(stretch: Stretch, filters: Filters) -> float:
-    """That of white noise in what was logged, of which the low-pass takes off a known part."""
-    pulse = _pulse(filters)
-    passed = filters.smooth(pulse)
+    """Of the filtered velocity, by the noise in what was logged."""
     name = "position" if "position" in stretch.columns else "velocity"
-    logged = stretch.columns[name]
-    noise = np.std((logged - filters.smooth(logged))[stretch.sound]) / np.sqrt(np.sum((pulse - passed) ** 2))
-    velocity = slope(passed, filters.dt_s) if name == "position" else passed
-    return float(noise * np.sqrt(np.sum(velocity**2)))
-
-
-def _pulse(filters: Filters) -> FloatArray:
-    """Long enough for all that filters remember, and for what they go on with beyond its ends."""
-    reach = max(2 * filters.margin, 32)
-    return np.asarray(signal.unit_impulse(2 * reach + 1, "mid"))
+    response = filters.response
+    of_velocity = slope(response, filters.dt_s) if name == "position" else response
+    return filters.noise(stretch.columns[name], stretch.sound) * float(np.linalg.norm(of_velocity))

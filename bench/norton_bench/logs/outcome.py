@@ -15,6 +15,7 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
+from norton_bench.logs.link import spring_of
 from norton_bench.logs.motion import Motion
 from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
@@ -51,7 +52,9 @@ def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionMod
     alone = "load" not in model.name and not column_map.model.temperature
     remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None
-    return driven and problem.scaled and not remembers and alone and column_map.model.inertia
+    # A motor that twists its joint is not driven by the load that the link carries.
+    twists = problem.terms[0].link is not None and problem.terms[0].port is None
+    return driven and problem.scaled and not remembers and not twists and alone and column_map.model.inertia
 
 
 def motion_errors(
@@ -192,12 +195,21 @@ def outcome(judged: Judged) -> LogFit:
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
-    said = [*wrong, *judged.remarks, *verdict, *_late(estimates, problem), *_near_rest(problem), parts.sentence]
+    spring, message = spring_of(problem, column_map.units.link, believed=not doubtful)
+    said = [
+        *wrong,
+        *judged.remarks,
+        *verdict,
+        *_late(estimates, problem),
+        *_near_rest(problem),
+        parts.sentence,
+        *message,
+    ]
     sentences = [*judged.doubts, *said, *map(words, together), *_uncertain(untold)]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit, judged.splits))
     return LogFit(
         model=judged.chosen.name,
-        estimates=estimates,
+        estimates=(*estimates, *spring),
         verdict=tuple(dict.fromkeys(sentences)),
         converged=fit.converged,
         doubtful=doubtful,

@@ -86,6 +86,7 @@ SURE = 2.0
 # An estimate less certain than this, relative to itself, is none.
 UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
+POSITIVE = ("inertia", "link_stiffness", "link_damping")
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
 PER_DEGREE = "_per_degree"
 # One of many elements of a contact, of which most may have no strength: their sum is what counts.
@@ -101,7 +102,7 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
     if name.endswith(PER_DEGREE):
         dimension = Dimension.DAMPING if name.startswith("viscous") else Dimension.FRICTION
         return f"{dimension.unit(rotation=units.motion == 'rad')}/K"
-    known = {"torque_gain": units.gain, "inertia": units.inertia, COMMAND: "s", EXERTION: "s"}
+    known = {"torque_gain": units.gain, "inertia": units.inertia, COMMAND: "s", EXERTION: "s", **units.link}
     return known.get(name, units.exertion)
 
 
@@ -122,9 +123,9 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Prob
         return Status.DOUBTFUL
     if not fit.converged:
         return Status.NOT_CONVERGED
-    if name in fit.at_bound or (name == "inertia" and value <= -SURE * std):
+    if name in fit.at_bound or (name in POSITIVE and value <= -SURE * std):
         return Status.AT_BOUND
-    if name == "inertia" and value <= 0:
+    if name in POSITIVE and value <= 0:
         return Status.UNEXCITED
     if std == 0.0:
         return Status.UNEXCITED  # nothing depends on it

@@ -1,0 +1,59 @@
+"""A joint that gives between motor and link, where both positions and what it transmits are known: its spring.
+
+τ = K δ + D dδ/dt + constant, with the twist δ = motor position − link position (Spong 1987). Where neither a sensor nor
+a known load tells τ, K and D are unknowns of the motor's own equation instead.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from norton_bench.arrays import FloatArray
+from norton_bench.identification.separable import normal_solution
+from norton_bench.identification.statistics import sandwich
+from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
+from norton_bench.logs.grid import slope
+from norton_bench.models.parameters import Estimate, Status
+
+# A value less certain than this share of itself is none.
+UNSURE = 0.5
+
+
+def spring_of(
+    problem: Problem, units: Mapping[str, str], *, believed: bool
+) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
+    """Stiffness and damping in ``units``, and what the spring leaves; nothing where no twist or torque is known."""
+    twist, transmitted = problem.joined("twist"), problem.transmitted
+    if twist is None or transmitted is None:
+        return (), ()
+    rows, process = problem.train, problem.equation.process
+    columns = process(np.concatenate([twist, np.ones((1, twist.shape[1]))]))[:, rows]
+    target = process(transmitted[None])[0][rows]
+    noise = target.size * np.append(_twist_noise(problem) ** 2, 0.0)
+    values = normal_solution(columns, columns @ target, noise)
+    residual = target - values @ columns
+    stds = np.sqrt(np.diag(sandwich(columns.T, residual, problem.equation.time_s[rows], noise, values)))
+    estimates = tuple(
+        Estimate(name, float(value), float(std), units[name], _status(value, std, believed=believed))
+        for name, value, std in zip((LINK_STIFFNESS, LINK_DAMPING), values[:2], stds[:2], strict=True)
+    )
+    left = float(np.std(residual) / max(np.std(target), 1e-300))
+    return estimates, (f"A linear spring between motor and link leaves {left:.1%} of what it transmits.",)
+
+
+def _twist_noise(problem: Problem) -> FloatArray:
+    """The deviations of twist and twist rate in a row, by what encoders count and readings scatter, (2,)."""
+    filters = problem.filters
+    responses = [filters.response, slope(filters.response, filters.dt_s)]
+    passed = np.array([np.linalg.norm(np.convolve(response, filters.kernel)) for response in responses])
+    white = [
+        [filters.noise(part.columns[name], part.sound) for name in ("position", "link_position")]
+        for part in problem.stretches
+    ]
+    return np.asarray(passed * np.sqrt(np.mean(np.sum(np.square(white), axis=1))))
+
+
+def _status(value: float, std: float, *, believed: bool) -> Status:
+    if not believed:
+        return Status.DOUBTFUL
+    return Status.VALID if std <= UNSURE * value else Status.UNEXCITED
