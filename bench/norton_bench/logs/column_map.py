@@ -180,7 +180,7 @@ class ModelSection(MapSection):
     refine: Literal["motion"] | None = None
     inertia: bool = True
     offset: bool = True
-    gravity: bool = False
+    gravity: bool | Annotated[int, Field(ge=1, le=8)] = False
     temperature: bool = False
     delays: bool = True
     drift_s: Annotated[float, quantity_in("s")] | None = Field(None, alias="drift", gt=0, examples=["30 s"])

@@ -334,6 +334,18 @@ def _path(parts: Sequence[Stretch], terms: Sequence[Terms], rows: Rows, trained:
     )
 
 
+def _gravity(position: FloatArray, harmonics: int) -> dict[str, FloatArray]:
+    """A Fourier series of the angle; the first harmonic is that of one body that hangs."""
+    columns: dict[str, FloatArray] = {}
+    for number in range(1, harmonics + 1):
+        which = "" if number == 1 else f"_{number}"
+        columns |= {
+            f"gravity_sine{which}": -np.sin(number * position),
+            f"gravity_cosine{which}": -np.cos(number * position),
+        }
+    return columns
+
+
 def _known(terms: Sequence[Terms], *, scaled: bool) -> tuple[FloatArray, FloatArray]:
     """The target, and what errors are relative to: all that is known of the exertion, at the samples' rate."""
     zeros = np.zeros(sum(len(term.motion.position) for term in terms))
@@ -375,7 +387,8 @@ def _others(
     if twist is not None and terms[0].port is None and terms[0].load is None:
         columns |= {LINK_STIFFNESS: -twist[0], LINK_DAMPING: -twist[1]}
     if model.gravity and not column_map.translation:
-        columns |= {"gravity_sine": -np.sin(position), "gravity_cosine": -np.cos(position)}
+        hanging = np.concatenate([(term.link or term.motion).position for term in terms])
+        columns |= _gravity(hanging, int(model.gravity))
     period = parts[0].log.given("model", "cogging_period")
     if period is not None:
         columns |= operators.cogging(position, period)

@@ -49,7 +49,7 @@ WORTH_SAYING = 0.01
 # The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
 def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
     """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
-    alone = "load" not in model.name and not column_map.model.temperature
+    alone = "load" not in model.name and not column_map.model.temperature and int(column_map.model.gravity) <= 1
     remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None
     # A motor that twists its joint is not driven by the load that the link carries.

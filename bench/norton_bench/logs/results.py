@@ -88,6 +88,8 @@ UNEXCITED_BEYOND = 0.5
 # These may be nothing at all, and then have a deviation beyond their value.
 POSITIVE = ("inertia", "link_stiffness", "link_damping")
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
+# Any harmonic of gravity may be nothing, too; but together they are not.
+HARMONIC = "gravity_"
 PER_DEGREE = "_per_degree"
 # One of many elements of a contact, of which most may have no strength: their sum is what counts.
 ELEMENT = "slip_torque"
@@ -130,7 +132,7 @@ def _status(name: str, value: float, std: float, fit: FrictionFit, problem: Prob
     if std == 0.0:
         return Status.UNEXCITED  # nothing depends on it
     scale = abs(value)
-    if name.startswith(MAY_VANISH):
+    if name.startswith((*MAY_VANISH, HARMONIC)):
         scale = max(scale, 0.1 * problem.exertion_rms)
     elif name.endswith(SHIFT):
         # To within a sample, no delay is as good to know as a delay.

@@ -83,6 +83,17 @@ def test_gravity_that_is_not_known_is_found(tmp_path: Path) -> None:
     near(fit_of(tmp_path, log, FREE + "gravity = true\n"), gravity_sine=1.5, **ALL)
 
 
+def test_gravity_of_several_bodies_is_a_fourier_series(tmp_path: Path) -> None:
+    log = TRUE.log()
+    q, _, _ = TRUE.motion(log["t"])
+    log["u"] = log["u"] + (1.5 * np.sin(q) - 0.6 * np.cos(2 * q)) / TRUE.gain
+    fit = fit_of(tmp_path, log, FREE + "gravity = 2\n")
+    near(fit, gravity_sine=1.5, gravity_cosine_2=-0.6, **ALL)
+    assert fit.train.motion is None  # one pendulum does not pull like that
+    assert abs(estimate(fit, "gravity_sine_2").value) < 0.02
+    assert estimate(fit, "gravity_sine_2").status is Status.VALID
+
+
 def test_cogging_is_an_additive_option(tmp_path: Path) -> None:
     log = TRUE.log()
     q, _, _ = TRUE.motion(log["t"])
