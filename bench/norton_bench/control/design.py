@@ -31,6 +31,7 @@ DAMPING_RATES_RAD_S = (200.0, 100.0, 0.0)  # D over the load's inertia
 # it below the sensor's noise.
 GROWTH = 1.004
 MOST_BOOST = 4.0
+LEAST_INTEGRAL_PER_S = 3.0
 DOUBTS = tuple(2.0**power for power in range(1, 9))  # deviation taken for the encoders, in counts
 EFFORTS = tuple(0.5 * 2.0**step for step in range(8))  # see `design_regulator`; the stiffest first
 # The actuator's inertia is taken for so many times the likely one.
@@ -46,7 +47,10 @@ WALL = 50.0  # an inertia so many times the load's does not move
 
 @dataclass(frozen=True)
 class TorqueGains:
-    """u = P τ + I ∫ τ dt − D ω while the contacts stick; ``boost`` times P and I, and no D, while they slide."""
+    """u = P τ + I ∫ τ dt − D ω while the contacts stick; ``boost`` times P and I, and no D, while they slide.
+
+    ``boost`` is below one where the damping is what keeps the loop from swinging on the sensor's spring.
+    """
 
     proportional: float
     integral_per_s: float
@@ -159,13 +163,16 @@ def _torque_gains(calibration: LoadCalibration, observer: Observer, tick_s: floa
     integral, time_s, damping = 0.0, 0.0, 0.0
     for shape in product(INTEGRAL_TIMES_S, (rate * calibration.inertia_kgm2 for rate in DAMPING_RATES_RAD_S)):
         # Searched only where it beats the best so far.
-        result = _greatest(partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, 3.0), 3000.0)
+        result = _greatest(
+            partial(sticks, time_s=shape[0], damping=shape[1]), max(1.05 * integral, LEAST_INTEGRAL_PER_S), 3000.0
+        )
         if result:
             integral, (time_s, damping) = result, shape
     if integral == 0.0:
         return None
-    boosted = _greatest(partial(slides, time_s=time_s), integral, MOST_BOOST * integral)
-    return TorqueGains(integral * time_s, integral, max(boosted / integral, 1.0), damping)
+    bold = partial(slides, time_s=time_s)
+    boosted = _greatest(bold, integral, MOST_BOOST * integral) or _greatest(bold, LEAST_INTEGRAL_PER_S, integral)
+    return TorqueGains(integral * time_s, integral, boosted / integral, damping) if boosted else None
 
 
 def design_tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:

@@ -210,7 +210,8 @@ class TorqueLoop:
         """What to add to the last command; not ``bold`` where little is left to mend, and noise would be most of it."""
         self._follow(position_rad)
         sticking = self._sticking(position_rad)
-        boost = self.gains.boost + (1 - self.gains.boost) * sticking if bold else 1.0
+        slides = self.gains.boost if bold else min(self.gains.boost, 1.0)
+        boost = slides + (1 - slides) * sticking
         rise_nm, self._torque_nm = torque_nm - self._torque_nm, torque_nm
         share = self._share(position_rad)
         damping_nm = -share * sticking * self.gains.damping_nms_rad * velocity_rad_s
