@@ -1,12 +1,14 @@
 """Calibration of the load drive and the torque sensor, from which the controller is tuned."""
 
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import ClassVar
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
+from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.coupling import least_damping_nms_rad
@@ -140,7 +142,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         viscous_damping_nms_rad=network.viscous_damping_nms_rad,
         coulomb_torque_nm=network.coulomb_torque_nm,
         presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad,
-        presliding_damping_nms_rad=network.presliding_damping_nms_rad,
+        presliding_damping_nms_rad=likely_presliding_damping_nms_rad(fit.result),
         command_delay_s=fit.result.command_delay_s,
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
@@ -156,6 +158,18 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         covariance_names=network.covariance_names,
         covariance=network.covariance,
     )
+
+
+def likely_presliding_damping_nms_rad(machine: FitResult) -> float:
+    """The mean of what it may be: normally distributed about the estimate, and not negative.
+
+    Where encoders do not resolve the contact, the estimate itself may be zero. Such a contact would ring for ever, and
+    no feedback is stable on it; it is not what the calibration says.
+    """
+    estimate = machine.estimate("presliding_damping")
+    if not 0.0 < estimate.std < inf:
+        return max(estimate.value, 0.0)
+    return estimate.value + estimate.std * normal_hazard(-estimate.value / estimate.std)
 
 
 def known_well_enough(machine: FitResult) -> bool:

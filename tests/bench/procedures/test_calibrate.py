@@ -1,0 +1,65 @@
+"""What the controller is told of a contact that the calibration hardly resolves."""
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+import pytest
+from scipy.stats import truncnorm
+
+from norton_bench.control.design import design_tracking
+from norton_bench.errors import ExperimentError
+from norton_bench.models.parameters import Estimate, Status
+from norton_bench.procedures.calibrate import likely_presliding_damping_nms_rad
+from tests.bench.control.test_design import CALIBRATION, TICK_S
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A fit, of which only one value matters here."""
+
+    value: float
+    std: float
+
+    def estimate(self, name: str) -> Estimate:
+        assert name == "presliding_damping"
+        return Estimate(name, self.value, self.std, "N*m*s/rad", Status.VALID)
+
+
+@pytest.mark.parametrize(("value", "std"), [(0.01, 1e-4), (0.0, 0.006), (-0.004, 0.006), (0.003, 0.006), (-0.2, 0.01)])
+def test_a_damping_is_the_mean_of_what_it_may_be(value: float, std: float) -> None:
+    expected = truncnorm.mean(-value / std, np.inf, loc=value, scale=std)
+    assert likely_presliding_damping_nms_rad(Machine(value, std)) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("std", [0.0, inf])
+def test_without_a_deviation_it_is_the_value_that_was_found(std: float) -> None:
+    assert likely_presliding_damping_nms_rad(Machine(0.01, std)) == 0.01
+    assert likely_presliding_damping_nms_rad(Machine(-0.01, std)) == 0.0
+
+
+def test_no_feedback_is_stable_with_a_contact_that_rings_for_ever_but_with_a_likely_one() -> None:
+    """Light machines with 4096 counts: the contact of the load is a third of a count long."""
+    coarse = replace(
+        CALIBRATION,
+        torque_gain=1.167,
+        amplifier_bandwidth_rad_s=1080.0,
+        inertia_kgm2=7.1e-5,
+        viscous_damping_nms_rad=7.1e-4,
+        coulomb_torque_nm=2.4e-3,
+        presliding_stiffness_nm_rad=13.0,
+        presliding_damping_nms_rad=0.0,
+        command_delay_s=3.3e-4,
+        measurement_delay_s=0.0,
+        motion_delay_s=-1.4e-5,
+        sensor_stiffness_nm_rad=57.8,
+        sensor_damping_nms_rad=4.1e-4,
+        torque_noise_nm=9.6e-4,
+        position_resolution_rad=1.53e-3,
+        position_jitter_s=6.9e-5,
+        actuator_inertia_kgm2=4.98e-5,
+    )
+    with pytest.raises(ExperimentError, match="no feedback, however gentle"):
+        design_tracking(coarse, TICK_S)
+    likely = likely_presliding_damping_nms_rad(Machine(0.0, 5.7e-3))
+    assert design_tracking(replace(coarse, presliding_damping_nms_rad=likely), TICK_S).gentler <= 8.0
