@@ -30,6 +30,10 @@ WORTH_A_STEP = 1e-4
 ROUGHNESS = 1e-3
 KEPT = 8
 AT_BOUND = 1e-3
+# Relative, of differences that stand for derivatives by the shape.
+DIFFERENCE = 0.02
+# Of a column's power: what is more noise than this tells nothing, however much is taken off.
+MOST_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,14 @@ class FrictionFit:
     @property
     def shape(self) -> FloatArray:
         return self.values[len(self.values) - len(self.model.unknowns) :]
+
+    def moved_shapes(self) -> Iterator[tuple[FloatArray, float]]:
+        """The shape with one unknown after the other changed for a difference, and the change. It becomes smaller: a
+        ratio may be as great as it can be."""
+        for index, value in enumerate(self.shape):
+            changed = self.shape.copy()
+            changed[index] = value * (1 - DIFFERENCE)
+            yield changed, -DIFFERENCE * value
 
     @property
     def deviations(self) -> FloatArray:
@@ -201,8 +213,22 @@ class Problem:
 
         key = at.tobytes()
         if key not in self._scanned:
-            self._scanned[key] = part_sums(self.columns(at), self.target, self.part)
+            gram, moment, power = part_sums(self.columns(at), self.target, self.part)
+            self._scanned[key] = self._without_noise(gram, self.part), moment, power
         return self._scanned[key]
+
+    def _without_noise(self, gram: FloatArray, part: IntArray) -> FloatArray:
+        """The columns' products in each part without what noise adds to them, (parts, columns, columns)."""
+        inside = part >= 0
+        noise = np.bincount(part[inside], self.scale[inside] ** 2, len(gram))[:, None] * self.noise
+        at = np.arange(self.noise.size)
+        gram[:, at, at] -= np.minimum(noise, MOST_NOISE * gram[:, at, at])
+        return gram
+
+    @property
+    def noise(self) -> FloatArray:
+        """The variance that noise adds to the further columns in a row of scale 1, (k,)."""
+        return np.zeros(len(self.equation.names)) if self.equation.noise is None else self.equation.noise
 
     def search(self, rows: BoolArray, start: FloatArray, contained: Mapping[str, FloatArray]) -> Reached:
         """Refined from ``start``, or from what a model that this one contains is here, where that is better.
@@ -250,8 +276,9 @@ class Problem:
         from norton_bench.identification.friction_operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
 
         columns, target = self.columns(at), self.target
-        gram, moment, _ = part_sums(columns, target, np.where(rows, 0, -1))
-        linear = bounded_solution(gram[0], moment[0], self.nonnegative)
+        part = np.where(rows, 0, -1)
+        gram, moment, _ = part_sums(columns, target, part)
+        linear = bounded_solution(self._without_noise(gram, part)[0], moment[0], self.nonnegative)
         return Reached(at, columns, linear, (target - linear @ columns)[rows])
 
     def slopes(self, reached: Reached) -> FloatArray:
@@ -266,7 +293,13 @@ class Problem:
     def finish(self, rows: BoolArray, reached: Reached) -> FrictionFit:
         """The values with their covariance, and the prediction of every row."""
         jacobian = np.concatenate([reached.columns, self.slopes(reached)])[:, rows].T
-        covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows])
+        noise = np.minimum(
+            np.sum(self.scale[rows] ** 2) * self.noise,
+            MOST_NOISE * np.sum(jacobian[:, : self.noise.size] ** 2, axis=0),
+        )
+        covariance = sandwich(
+            jacobian, reached.residual, self.equation.time_s[rows], noise, reached.linear[: self.noise.size]
+        )
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])
         prediction = reached.linear @ (reached.columns / self.scale)

@@ -96,6 +96,9 @@ class Equation:
     ``variance`` (n,) is that of each row's error in units of the best rows': rows that no model can describe have more
     than one. Rows are divided by its root. None: all are alike.
 
+    ``noise`` (k,) is the variance that noise of the readings adds to each of ``others`` in a row: it would shrink what
+    is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). None: there is none.
+
     Raises ExperimentError where a number is missing or infinite.
     """
 
@@ -109,6 +112,7 @@ class Equation:
     afresh: Path | None = None
     settled: BoolArray | None = None
     variance: FloatArray | None = None
+    noise: FloatArray | None = None
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}

@@ -48,6 +48,11 @@ class Rung:
         return len(self.model.terms) + len(self.model.unknowns)
 
     @property
+    def at_edge(self) -> bool:
+        """Whether an unknown of its shape lies at the edge of what is searched."""
+        return any(unknown.name in self.fit.at_bound for unknown in self.model.unknowns)
+
+    @property
     def train_relative(self) -> float:
         return self.train_rms / self.target_rms
 
@@ -67,8 +72,10 @@ def ladder(equation: Equation, models: Sequence[FrictionModel], rows: BoolArray 
         raise ExperimentError("models are compared on data held out: the record needs at least two parts")
     shapes: dict[str, list[FloatArray]] = {}
     rungs = [_rung(equation, model, rows, folds, shapes) for model in models]
-    chosen = simplest_as_good([rung.fold_mean_squares for rung in rungs], [rung.unknowns for rung in rungs])
-    return tuple(replace(rung, selected=index == chosen) for index, rung in enumerate(rungs))
+    # What ends at the edge of what is searched is another law, which the others may hold, or none.
+    inside = [rung for rung in rungs if not rung.at_edge] or rungs
+    chosen = inside[simplest_as_good([rung.fold_mean_squares for rung in inside], [rung.unknowns for rung in inside])]
+    return tuple(replace(rung, selected=rung is chosen) for rung in rungs)
 
 
 def selected(rungs: Sequence[Rung]) -> Rung:

@@ -347,8 +347,22 @@ def _check_load(column_map: ColumnMap, mistakes: Mistakes) -> None:
     if (mass is None) != (length is None):
         named, other = ("mass", "length") if length is None else ("length", "mass")
         mistakes.add(f"[load] {named}", f"needs a {other} for the torque of gravity; add it, or leave it out")
+    elif _without_scale(column_map):
+        mistakes.add(
+            "[load]",
+            "does not tell the size of any torque or force: as much more gain, inertia and friction would do as well; "
+            'add gravity (of a turning load), [actuator] torque_gain = "...", or [columns] exertion',
+        )
     elif mass is not None and column_map.translation:
         mistakes.add("[load] mass", 'is of a turning load; for a slide write inertia = "2 kg", and gravity = "3 N"')
+
+
+def _without_scale(column_map: ColumnMap) -> bool:
+    """Whether a load is known that only adds to the inertia or to a constant, and nothing else gives a scale."""
+    load = column_map.load
+    pulls = not column_map.translation and (load.gravity is not None or load.mass is not None)
+    told = column_map.columns.exertion is not None or column_map.actuator.torque_gain is not None
+    return (load.inertia is not None or load.gravity is not None) and not pulls and not told
 
 
 def _check_refinement(column_map: ColumnMap, mistakes: Mistakes) -> None:

@@ -41,7 +41,7 @@ COMMAND, EXERTION = "command" + SHIFT, "exertion" + SHIFT
 def sought(column_map: ColumnMap) -> tuple[str, ...]:
     """The columns whose delay is not known: those without a ``shift`` of their own, beside a motion without one."""
     columns = column_map.mapped()
-    moved = {name for name, section in columns.items() if section.shift_s}
+    moved = {name for name, section in columns.items() if "shift_s" in section.model_fields_set}
     if not column_map.model.delays or column_map.model.refine is not None or moved & {"position", "velocity"}:
         return ()
     return tuple(name for name in ("command", "exertion") if name in columns and name not in moved)
@@ -54,7 +54,10 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
     columns |= {f"{name}{SHIFT}": slopes[name] for name in problem.delays.sought}
     equation = problem.equation
     others = equation.process(np.array(list(columns.values())).reshape(len(columns), problem.known.size))
-    return replace(problem, columns=columns, equation=replace(equation, names=tuple(columns), others=others))
+    known = dict(zip(equation.names, () if equation.noise is None else equation.noise.tolist(), strict=False))
+    noise = np.array([known.get(name, 0.0) for name in columns])
+    equation = replace(equation, names=tuple(columns), others=others, noise=noise)
+    return replace(problem, columns=columns, equation=equation)
 
 
 def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
@@ -113,9 +116,9 @@ def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Probl
     """The delays that the fitted friction asks for: first over whole samples, then within them.
 
     ``fit`` is one of ``problem``, which is made again by ``again`` for other delays. What is not surely late or early
-    is not ``sought`` any more.
+    stays where it was logged; it is ``sought`` all the same, because nobody knows that it is in time.
     """
-    nowhere = Delays()
+    nowhere = Delays(sought=problem.delays.sought)
     delays = _coarse(problem, fit)
     dt_s = problem.filters.dt_s
     for _ in range(ROUNDS):
@@ -143,7 +146,6 @@ def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Probl
         delays,
         command_s=delays.command_s if "command" in sure else 0.0,
         exertion_s=delays.exertion_s if "exertion" in sure else 0.0,
-        sought=tuple(sure),
     )
 
 

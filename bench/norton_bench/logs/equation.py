@@ -12,7 +12,7 @@ from norton_bench.identification import friction_operators as operators
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.grid import Filters, Stretch
+from norton_bench.logs.grid import Filters, Stretch, slope
 from norton_bench.logs.motion import Delays, Motion, moved
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
@@ -267,6 +267,7 @@ def make_problem(
         fold=_folds(train),
         time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
+        noise=np.array([_noise(parts, splits, filters) ** 2 if name == "inertia" else 0.0 for name in columns]),
     )
     return Problem(
         equation=equation,
@@ -283,6 +284,17 @@ def make_problem(
         pick=rows.pick,
         drift_s=column_map.model.drift_s,
     )
+
+
+def _noise(parts: Sequence[Stretch], splits: Splits, filters: Filters) -> float:
+    """The deviation of a row's acceleration by noise in the motion trained on: quantisation, readings, stamps."""
+    name = "position" if "position" in parts[0].columns else "velocity"
+    response = filters.response
+    for _ in range(2 if name == "position" else 1):
+        response = slope(response, filters.dt_s)
+    pairs = ((part.columns[name], part.sound & train) for part, (train, _) in zip(parts, splits, strict=True))
+    white = [filters.noise(logged, chosen) for logged, chosen in pairs if chosen.any()]
+    return float(np.linalg.norm(np.convolve(response, filters.kernel)) * np.sqrt(np.mean(np.square(white))))
 
 
 def _check_enough(parts: Sequence[Stretch], count: int) -> None:

@@ -29,6 +29,7 @@ from norton_bench.logs.sanity_checks import (
     swapped,
     unexplained,
     unlike_derivative,
+    unlike_link,
     variation,
     wrong_signs,
 )
@@ -276,8 +277,10 @@ def _doubts(
     result = [
         *unlike_derivative(problem.stretches, problem.filters),
         *ahead_of_goal(problem.stretches, problem.filters),
+        *unlike_link(problem.stretches),
     ]
-    result = result or [*wrong_signs(basic, column_map)]
+    ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
+    result = result or [*wrong_signs(basic, column_map, ratio)]
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
         result = result or [*out_of_step(problem, column_map), *unexplained(basic, left)]

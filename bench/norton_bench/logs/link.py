@@ -9,8 +9,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
+from norton_bench.logs.delays import EXERTION
 from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
 from norton_bench.logs.grid import slope
 from norton_bench.models.parameters import Estimate, Status
@@ -20,7 +22,7 @@ UNSURE = 0.5
 
 
 def spring_of(
-    problem: Problem, units: Mapping[str, str], *, believed: bool
+    problem: Problem, fit: FrictionFit, units: Mapping[str, str], *, believed: bool
 ) -> tuple[tuple[Estimate, ...], tuple[str, ...]]:
     """Stiffness and damping in ``units``, and what the spring leaves; nothing where no twist or torque is known."""
     twist, transmitted = problem.joined("twist"), problem.transmitted
@@ -33,6 +35,10 @@ def spring_of(
     values = normal_solution(columns, columns @ target, noise)
     residual = target - values @ columns
     stds = np.sqrt(np.diag(sandwich(columns.T, residual, problem.equation.time_s[rows], noise, values)))
+    if EXERTION in fit.names:
+        # A torque that is read so much later looks like damping.
+        late_s = fit.deviations[fit.names.index(EXERTION)]
+        stds[1] = np.hypot(stds[1], values[0] * late_s)
     estimates = tuple(
         Estimate(name, float(value), float(std), units[name], _status(value, std, believed=believed))
         for name, value, std in zip((LINK_STIFFNESS, LINK_DAMPING), values[:2], stds[:2], strict=True)
@@ -46,9 +52,13 @@ def _twist_noise(problem: Problem) -> FloatArray:
     filters = problem.filters
     responses = [filters.response, slope(filters.response, filters.dt_s)]
     passed = np.array([np.linalg.norm(np.convolve(response, filters.kernel)) for response in responses])
+    ends = np.cumsum([len(part.time_s) for part in problem.stretches])[:-1]
+    assert problem.equation.path.trained is not None
+    trained = np.split(problem.equation.path.trained, ends)
     white = [
-        [filters.noise(part.columns[name], part.sound) for name in ("position", "link_position")]
-        for part in problem.stretches
+        [filters.noise(part.columns[name], part.sound & chosen) for name in ("position", "link_position")]
+        for part, chosen in zip(problem.stretches, trained, strict=True)
+        if (part.sound & chosen).any()
     ]
     return np.asarray(passed * np.sqrt(np.mean(np.sum(np.square(white), axis=1))))
 

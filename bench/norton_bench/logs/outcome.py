@@ -195,7 +195,7 @@ def outcome(judged: Judged) -> LogFit:
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
-    spring, message = spring_of(problem, column_map.units.link, believed=not doubtful)
+    spring, message = spring_of(problem, fit, column_map.units.link, believed=not doubtful)
     said = [
         *wrong,
         *judged.remarks,

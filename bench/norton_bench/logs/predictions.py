@@ -11,9 +11,6 @@ from norton_bench.errors import UsageError
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.logs.equation import Problem
 
-# Relative step of the differences that stand for derivatives by the shape.
-STEP = 0.02
-
 
 @dataclass(frozen=True)
 class Predictions:
@@ -60,10 +57,7 @@ def _slopes(problem: Problem, fit: FrictionFit) -> FloatArray:
 
     columns = friction(fit.shape)
     rows = [*equation.others, *columns]
-    for index, value in enumerate(fit.shape):
-        changed = fit.shape.copy()
-        changed[index] = value * (1 + STEP)
-        rows.append(strengths @ (friction(changed) - columns) / (STEP * value))
+    rows += [strengths @ (friction(changed) - columns) / change for changed, change in fit.moved_shapes()]
     return np.stack(rows)
 
 

@@ -38,6 +38,8 @@ LEAD_SAMPLES = 0.5
 LEAD_LEAVES = 0.7  # of the difference between the two, if a lead is what makes it
 # A goal is followed where it and the position agree this well.
 FOLLOWED = 0.8
+# A joint that gives so much that its link moves otherwise by this share is hardly a joint.
+LINK_WITHIN = 0.1
 # A column this much rougher than the position is no position.
 ROUGHER = 3.0
 
@@ -105,11 +107,14 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def wrong_signs(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
-    """Inertia and dissipation are positive, and so is a gain, if the signs of the columns agree."""
-    driver = "exertion" if column_map.columns.exertion is not None else "command"
+def wrong_signs(basic: Basic, column_map: ColumnMap, gear_ratio: float | None) -> Iterator[str]:
+    """Inertia and dissipation are positive, and so is a gain, if the signs of the columns agree; gears that turn the
+    other way turn that of the motor's command."""
+    columns = column_map.columns
+    driver = "exertion" if columns.exertion is not None else "command"
     mend = f"turn the sign of {driver} or of the motion in [columns] (sign = -1)"
-    if basic.gain is not None and basic.gain < -SIGNIFICANT:
+    turned = columns.command is not None and columns.command.side == "motor" and (gear_ratio or 1.0) < 0
+    if basic.gain is not None and (-basic.gain if turned else basic.gain) < -SIGNIFICANT:
         yield f"A positive command drives the shaft backwards: {mend.replace(driver, 'command')}."
     elif basic.inertia is not None and basic.inertia < -SIGNIFICANT:
         yield f"The inertia comes out negative: the signs of {driver} and motion do not agree; {mend}."
@@ -206,6 +211,27 @@ def _with_swapped(log: Log, first: str, second: str) -> Log:
     columns = dict(log.columns)
     columns[first], columns[second] = columns[second], columns[first]
     return replace(log, columns=columns)
+
+
+def unlike_link(parts: Sequence[Stretch]) -> Iterator[str]:
+    """A link turns as its motor does, but for the twist between them."""
+    if not all({"position", "link_position"} <= set(part.columns) for part in parts):
+        return
+    motor, link = (
+        np.concatenate([part.columns[name][part.sound] - np.mean(part.columns[name][part.sound]) for part in parts])
+        for name in ("position", "link_position")
+    )
+    factor, alike = agreement(motor, link)
+    if alike > AGREEMENT and factor < 0:
+        yield (
+            "link_position runs against position: turn the sign of one of them in [columns] (sign = -1), or of "
+            "[actuator] gear_ratio."
+        )
+    elif alike > AGREEMENT and not 1 - LINK_WITHIN < factor < 1 + LINK_WITHIN:
+        yield (
+            f"link_position moves {factor:.3g} times as far as position: check [actuator] gear_ratio, the units, and "
+            "which encoder is which."
+        )
 
 
 def unlike_derivative(parts: Sequence[Stretch], filters: Filters) -> Iterator[str]:

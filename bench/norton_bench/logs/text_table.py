@@ -156,7 +156,7 @@ def _even(path: Path, rows: Sequence[tuple[int, str]], width: int, separator: st
                 f"{path}: line {number} has {len(cells)} cells where the table has {width} columns; mend that line, or "
                 "write [log] separator"
             )
-        if len(cells) == width > 1 and not any(map(_could_be, cells)):
+        if width > 1 and _of_words(cells):
             words.append(number)
             continue
         if len(cells) < width:
@@ -165,8 +165,10 @@ def _even(path: Path, rows: Sequence[tuple[int, str]], width: int, separator: st
     return "\n".join(result) + "\n", tuple(_told(path, words, short))
 
 
-def _could_be(cell: str) -> bool:
-    return NUMBER.fullmatch(cell) is not None or STAMP.fullmatch(cell) is not None or cell.lower() in NOTHING
+def _of_words(cells: Sequence[str]) -> bool:
+    """Whether a row says something, and no number."""
+    said = [cell for cell in cells if cell.lower() not in NOTHING]
+    return bool(said) and not any(NUMBER.fullmatch(cell) or STAMP.fullmatch(cell) for cell in said)
 
 
 def _told(path: Path, words: Sequence[int], short: Sequence[int]) -> list[str]:

@@ -11,8 +11,6 @@ from norton_bench.models.parameters import Estimate, Status
 
 # Of the speeds trained on: the middle part, in so many steps.
 SPEEDS = np.linspace(0.1, 0.9, 17)
-# Relative step of the differences that stand for derivatives by the shape.
-STEP = 0.02
 # A total less certain than this share of itself is none.
 UNSURE = 0.5
 
@@ -28,10 +26,8 @@ def totals(problem: Problem, fit: FrictionFit, units: Units, *, believed: bool) 
     strengths = fit.values[count : count + terms]
     slopes = np.zeros((2, len(fit.names)))
     slopes[:, count : count + terms] = weights
-    for index, value in enumerate(fit.shape):
-        changed = fit.shape.copy()
-        changed[index] = value * (1 + STEP)
-        slopes[:, count + terms + index] = (_lines(problem, fit, changed) - weights) @ strengths / (STEP * value)
+    for index, (changed, change) in enumerate(fit.moved_shapes()):
+        slopes[:, count + terms + index] = (_lines(problem, fit, changed) - weights) @ strengths / change
     covariance = slopes @ fit.covariance @ slopes.T
     values = weights @ strengths
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -86,6 +86,7 @@ def test_mistakes_are_named_with_place_and_mend(old: str, new: str, said: str) -
         ('[loop]\nproportional = "3 V/rad"', "[loop]: needs a goal"),
         ('[filter]\ncutoff = "-3 Hz"', "[filter] cutoff"),
         ('[model]\nrefine = "motion"', "[model] refine: needs a known load"),
+        ('[load]\ninertia = "1 kg*m^2"', "[load]: does not tell the size of any torque or force"),
         ("[model]\ntemperature = true", "[model] temperature: needs one; add [columns] temperature"),
         ('[columns.supply]\nname = "v"\nunit = "V"', "[columns] supply: is for a command that is a share of it"),
     ],

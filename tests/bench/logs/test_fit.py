@@ -76,6 +76,46 @@ def test_a_known_load_fixes_the_scale_without_any_sensor(tmp_path: Path) -> None
     near(fit_of(tmp_path, log, text), torque_gain=TRUE.gain, **ALL)
 
 
+def coarse(seed: int, held_s: float) -> Columns:
+    """Angles of 0.01°, and a command that acts ``held_s`` later than its row says."""
+    rng, count = np.random.default_rng(seed), np.deg2rad(0.01)
+    machine = replace(TRUE, seed=seed, phases=tuple(rng.uniform(0.0, 6.0, 3)))
+    log = machine.log()
+    later = machine.needed(log["t"] + held_s) / machine.gain
+    q = machine.motion(log["t"])[0]
+    return log | {"q": np.round(q / count) * count, "u": later + 0.02 * rng.standard_normal(later.size)}
+
+
+def test_counts_and_half_a_sample_of_delay_are_within_the_intervals(tmp_path: Path) -> None:
+    """Of 30 intervals at least 26 hold: by chance alone fewer would once in 64 times (binomial, 95 % each)."""
+    off = []
+    for seed in range(1, 11):
+        fit = fit_of(tmp_path, coarse(seed, 1e-3))
+        for name in ("inertia", "viscous_damping", "coulomb_torque"):
+            found = estimate(fit, name)
+            off.append((found.value - ALL[name]) / found.std)
+    assert np.count_nonzero(np.abs(off) < 1.96) >= 26
+    assert np.sqrt(np.mean(np.square(off))) < 1.4
+
+
+def test_a_delay_of_nothing_that_the_map_gives_is_not_sought(tmp_path: Path) -> None:
+    names = [each.name for each in fit_of(tmp_path, TRUE.log()).estimates]
+    given = [
+        each.name for each in fit_of(tmp_path, TRUE.log(), FREE.replace('"A" }', '"A", shift = "0 ms" }')).estimates
+    ]
+    assert "command_shift" in names
+    assert "command_shift" not in given
+
+
+def test_a_forgotten_pendulum_is_a_poor_fit_and_no_failure(tmp_path: Path) -> None:
+    log = TRUE.log()
+    q, _, _ = TRUE.motion(log["t"])
+    log["u"] = log["u"] + 9.0 * np.sin(q) / TRUE.gain
+    fit = fit_of(tmp_path, log, FREE.replace('["coulomb-viscous"]', "[]"), model="elasto-plastic")
+    assert fit.model == "elasto-plastic"
+    assert np.isfinite(fit.totals[0].std)
+
+
 def test_gravity_that_is_not_known_is_found(tmp_path: Path) -> None:
     log = TRUE.log()
     q, _, _ = TRUE.motion(log["t"])
@@ -132,7 +172,7 @@ def test_translation_has_other_units(tmp_path: Path) -> None:
     text = FREE.replace("rotation", "translation").replace('"rad"', '"m"').replace("N*m/A", "N/A")
     fit = fit_of(tmp_path, TRUE.log(), text)
     near(fit, **ALL)
-    assert [each.unit for each in fit.estimates] == ["kg", "N", "N*s/m", "N"]
+    assert [each.unit for each in fit.estimates] == ["kg", "N", "s", "N*s/m", "N"]
 
 
 def test_a_voltage_driven_motor_brakes_itself(tmp_path: Path) -> None:

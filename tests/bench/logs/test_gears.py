@@ -37,6 +37,18 @@ def test_a_motors_position_and_current_give_the_joint(tmp_path: Path, sign: int)
     assert estimate(fit, "coulomb_torque").value == pytest.approx(MACHINE.coulomb, rel=0.02)
 
 
+def test_gears_that_turn_the_other_way_turn_a_gain_that_is_fitted(tmp_path: Path) -> None:
+    """The motor's position and current agree with each other; the sensor is at the joint."""
+    columns = MACHINE.log()
+    columns["q"], columns["u2"] = -RATIO * columns["q"], -columns["u2"]
+    text = LOADED.replace('"q", unit = "rad"', '"q", unit = "rad", side = "motor"')
+    text = text.replace('"u2", unit = "A"', '"u2", unit = "A", side = "motor"')
+    fit = fit_of(tmp_path, columns, text.replace("[model]", "[actuator]\ngear_ratio = -50\n[model]"))
+    assert not fit.doubtful
+    assert estimate(fit, "torque_gain").value == pytest.approx(-MACHINE.gain, rel=0.01)
+    assert estimate(fit, "inertia").value == pytest.approx(MACHINE.inertia, rel=0.02)
+
+
 def test_a_current_at_the_motor_with_a_position_at_the_joint(tmp_path: Path) -> None:
     log = read_log(
         write_csv(tmp_path / "log.csv", MACHINE.log()),

@@ -88,7 +88,7 @@ def test_the_joint_is_found_whatever_tells_the_torque(tmp_path: Path, text: str)
         assert found.status is Status.VALID
         # What jumps between two samples of 2 ms leaves 0.05 % of the damping.
         assert abs(found.value - true) < max(4 * found.std, 2e-3 * true)
-        assert found.std < 0.02 * true
+        assert found.std < 0.03 * true
     assert (text is GAINED) or any("A linear spring between motor and link leaves 0." in said for said in fit.verdict)
 
 
@@ -97,7 +97,9 @@ def test_a_locked_link_twists_its_joint(tmp_path: Path) -> None:
     assert np.ptp(held["link"]) == 0.0
     fit = fit_logs(Request((write_csv(tmp_path / "log.csv", held),), column_map(SENSOR)))
     assert estimate(fit, "link_stiffness").value == pytest.approx(TRUE["link_stiffness"], rel=1e-3)
-    assert estimate(fit, "link_damping").value == pytest.approx(TRUE["link_damping"], rel=0.05)
+    # So little motion does not tell a late torque from damping.
+    damping = estimate(fit, "link_damping")
+    assert abs(damping.value - TRUE["link_damping"]) < 4 * damping.std
 
 
 def test_a_spring_that_is_none_is_said(tmp_path: Path) -> None:
@@ -109,6 +111,20 @@ def test_a_spring_that_is_none_is_said(tmp_path: Path) -> None:
     )
     (said,) = [said for said in fit.verdict if "A linear spring" in said]
     assert 15 < float(said.split("leaves ")[1].split("%")[0]) < 35
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"link", unit = "rad" }', '"link", unit = "rad", sign = -1 }', "link_position runs against position"),
+        ("gear_ratio = 50", "gear_ratio = 60", "link_position moves 1.2 times as far as position"),
+        ('name = "link"', 'name = "motor"', "link_position moves 50 times as far as position"),
+    ],
+)
+def test_encoders_that_do_not_go_together_are_told(tmp_path: Path, old: str, new: str, said: str) -> None:
+    fit = fit_logs(Request((write_csv(tmp_path / "log.csv", log(1)),), column_map(GAINED.replace(old, new))))
+    assert fit.doubtful
+    assert any(said in each for each in fit.verdict)
 
 
 @pytest.mark.parametrize(

@@ -59,11 +59,12 @@ def test_what_a_spreadsheet_saves(tmp_path: Path, encoding: str) -> None:
     assert read_file(path, SECTION).array("t", "here").size == 80
 
 
-def test_what_was_set_aside_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("words", ["emergency,stop,pressed", "emergency stop", "emergency stop,,"])
+def test_what_was_set_aside_is_told(tmp_path: Path, words: str) -> None:
     path = tmp_path / "log.csv"
     lines = ["t,q,u", *table()]
     lines[10] = "0.09,0.43"
-    lines[20] = "emergency,stop,pressed"
+    lines[20] = words
     path.write_text("\n".join(lines))
     content = read_file(path, SECTION)
     assert np.isnan(content.array("u", "here")[9])
