@@ -153,7 +153,10 @@ def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
     wide["coulomb_torque"] = (0.1 * begin.exertion_rms, 0.0)
     boxes = {name: Box(scale, low * scale, REACH * scale) for name, (scale, low) in wide.items()}
     size = 0.1 * begin.exertion_rms
-    boxes |= _zero_box(begin, size)
+    boxes["offset"] = Box(size, -REACH * size, REACH * size)
+    if begin.gravity:
+        # A pendulum does not hang exactly at the encoder's zero; a constant torque differs from that at larger angles.
+        boxes["gravity_zero"] = Box(size / abs(begin.gravity), -LARGEST_ZERO_RAD, LARGEST_ZERO_RAD)
     extra = {
         "stribeck_torque": Box(size, 0.0, REACH * size),
         "stribeck_velocity": Box(begin.velocity_rms, 1e-2 * begin.velocity_rms, REACH * begin.velocity_rms),
@@ -163,21 +166,13 @@ def boxes_of(model: ServoModel, begin: Beginning) -> dict[str, Box]:
     return boxes | {name: extra[name] for name in model.extra}
 
 
-def _zero_box(begin: Beginning, size: float) -> dict[str, Box]:
-    """What is constant. A load that hangs has a zero that is not exactly the encoder's; a constant torque has no such
-    cause there, and the two differ at larger angles."""
-    if begin.gravity:
-        return {"gravity_zero": Box(size / abs(begin.gravity), -LARGEST_ZERO_RAD, LARGEST_ZERO_RAD)}
-    return {"offset": Box(size, -REACH * size, REACH * size)}
-
-
 def start_of(begin: Beginning) -> dict[str, float]:
     """A motor's damping is taken as mostly back-EMF, its resistance as partly the source's."""
     start = {
         "inertia": begin.inertia,
         "coulomb_torque": begin.coulomb,
         "offset": begin.offset,
-        "gravity_zero": -begin.offset / begin.gravity if begin.gravity else 0.0,
+        "gravity_zero": 0.0,
         "stribeck_velocity": 0.3 * begin.velocity_rms,
         "load_coefficient": 0.2,
         "load_stiction_coefficient": 0.1,

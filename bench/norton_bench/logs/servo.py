@@ -316,5 +316,5 @@ class _Search:
     def at_bound(self, at: FloatArray) -> tuple[str, ...]:
         """Zero is a value that a parameter may have where its box begins there."""
         near = AT_BOUND * np.maximum(self.high - self.low, 0.0)
-        edges = ((at - self.low < near) & (self.low > 0.0)) | (self.high - at < near)
+        edges = ((at - self.low < near) & (self.low != 0.0)) | (self.high - at < near)
         return tuple(name for name, edge in zip(self.names, edges, strict=True) if edge)

@@ -56,7 +56,7 @@ def test_a_load_whose_zero_is_not_known_gets_its_zero() -> None:
     logs = [measured(pendulum(gain, phase=phase), truth) for gain in (0.3, 0.7) for phase in (0.0, 1.2)]
     trial = FittedLogs(tuple(logs), tuple(np.ones(log.position.size, dtype=bool) for log in logs))
     (rung,) = servo_ladder(trial, replace(BEGIN, gravity=0.5), LADDER[2:3])
-    assert "offset" not in rung.fit.values
+    assert abs(rung.fit.values["offset"]) < 3 * rung.fit.deviations["offset"] + 1e-3
     assert rung.fit.values["gravity_zero"] == pytest.approx(0.03, abs=3 * rung.fit.deviations["gravity_zero"] + 3e-4)
     assert rung.fit.deviations["gravity_zero"] < 0.005
 
