@@ -214,16 +214,26 @@ class Problem:
         key = at.tobytes()
         if key not in self._scanned:
             gram, moment, power = part_sums(self.columns(at), self.target, self.part)
-            self._scanned[key] = self._without_noise(gram, self.part), moment, power
+            self._scanned[key] = *self._without_noise(gram, moment, self.part), power
         return self._scanned[key]
 
-    def _without_noise(self, gram: FloatArray, part: IntArray) -> FloatArray:
-        """The columns' products in each part without what noise adds to them, (parts, columns, columns)."""
+    def _without_noise(self, gram: FloatArray, moment: FloatArray, part: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The columns' products in each part, and those with the target, without what noise adds to them; (parts,
+        columns, columns) and (parts, columns)."""
         inside = part >= 0
-        noise = np.bincount(part[inside], self.scale[inside] ** 2, len(gram))[:, None] * self.noise
+        rows = np.bincount(part[inside], self.scale[inside] ** 2, len(gram))[:, None]
         at = np.arange(self.noise.size)
-        gram[:, at, at] -= np.minimum(noise, MOST_NOISE * gram[:, at, at])
-        return gram
+        taken = np.minimum(rows * self.noise, MOST_NOISE * gram[:, at, at])
+        gram[:, at, at] -= taken
+        moment[:, at] -= taken * self.of_target
+        return gram, moment
+
+    @property
+    def of_target(self) -> FloatArray:
+        """The noise of the target that goes with that of each further column, as a multiple of it, (k,)."""
+        if self.equation.target_noise is None:
+            return np.zeros(self.noise.size)
+        return self.equation.target_noise / np.where(self.noise > 0.0, self.noise, 1.0)
 
     @property
     def noise(self) -> FloatArray:
@@ -278,7 +288,8 @@ class Problem:
         columns, target = self.columns(at), self.target
         part = np.where(rows, 0, -1)
         gram, moment, _ = part_sums(columns, target, part)
-        linear = bounded_solution(self._without_noise(gram, part)[0], moment[0], self.nonnegative)
+        gram, moment = self._without_noise(gram, moment, part)
+        linear = bounded_solution(gram[0], moment[0], self.nonnegative)
         return Reached(at, columns, linear, (target - linear @ columns)[rows])
 
     def slopes(self, reached: Reached) -> FloatArray:
@@ -298,7 +309,11 @@ class Problem:
             MOST_NOISE * np.sum(jacobian[:, : self.noise.size] ** 2, axis=0),
         )
         covariance = sandwich(
-            jacobian, reached.residual, self.equation.time_s[rows], noise, reached.linear[: self.noise.size]
+            jacobian,
+            reached.residual,
+            self.equation.time_s[rows],
+            noise,
+            reached.linear[: self.noise.size] - self.of_target,
         )
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])

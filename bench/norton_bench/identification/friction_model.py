@@ -97,7 +97,8 @@ class Equation:
     than one. Rows are divided by its root. None: all are alike.
 
     ``noise`` (k,) is the variance that noise of the readings adds to each of ``others`` in a row: it would shrink what
-    is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). None: there is none.
+    is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). ``target_noise`` (k,) is its
+    covariance with the noise of the target. None: there is none.
 
     Raises ExperimentError where a number is missing or infinite.
     """
@@ -113,6 +114,7 @@ class Equation:
     settled: BoolArray | None = None
     variance: FloatArray | None = None
     noise: FloatArray | None = None
+    target_noise: FloatArray | None = None
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}

@@ -54,9 +54,12 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
     columns |= {f"{name}{SHIFT}": slopes[name] for name in problem.delays.sought}
     equation = problem.equation
     others = equation.process(np.array(list(columns.values())).reshape(len(columns), problem.known.size))
-    known = dict(zip(equation.names, () if equation.noise is None else equation.noise.tolist(), strict=False))
-    noise = np.array([known.get(name, 0.0) for name in columns])
-    equation = replace(equation, names=tuple(columns), others=others, noise=noise)
+    noise, target_noise = (
+        np.array([known.get(name, 0.0) for name in columns])
+        for values in (equation.noise, equation.target_noise)
+        for known in (dict(zip(equation.names, () if values is None else values.tolist(), strict=False)),)
+    )
+    equation = replace(equation, names=tuple(columns), others=others, noise=noise, target_noise=target_noise)
     return replace(problem, columns=columns, equation=equation)
 
 

@@ -259,6 +259,10 @@ def make_problem(
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
     columns = _others(column_map, parts, terms, [split[0] for split in splits], scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
+    # What a known load takes is computed from the same acceleration, unless it is the link's.
+    same = terms[0].load is not None and terms[0].link is None
+    carried = (parts[0].log.given("load", "inertia") or 0.0) if same else 0.0
+    noise = np.array([_noise(parts, splits, filters) ** 2 if name == "inertia" else 0.0 for name in columns])
     equation = Equation(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
@@ -267,7 +271,8 @@ def make_problem(
         fold=_folds(train),
         time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
-        noise=np.array([_noise(parts, splits, filters) ** 2 if name == "inertia" else 0.0 for name in columns]),
+        noise=noise,
+        target_noise=-carried * noise,
     )
     return Problem(
         equation=equation,

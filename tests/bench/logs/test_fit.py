@@ -116,6 +116,22 @@ def test_a_forgotten_pendulum_is_a_poor_fit_and_no_failure(tmp_path: Path) -> No
     assert np.isfinite(fit.totals[0].std)
 
 
+def test_counts_that_are_in_the_known_load_as_well_are_within_the_intervals(tmp_path: Path) -> None:
+    """The load takes twice what the machine does, computed from the same counted angle."""
+    off, turn = [], 2 * np.pi / 2**13
+    text = FREE.replace('torque_gain = "2 N*m/A"', "") + '[load]\ninertia = "0.02 kg*m^2"\ngravity = "1.5 N*m"\n'
+    for seed in range(1, 7):
+        phases = tuple(np.random.default_rng(seed).uniform(0.0, 6.0, 3))
+        machine = replace(TRUE, inertia=0.01, seed=seed, phases=phases)
+        log = machine.log()
+        q, _, a = machine.motion(log["t"])
+        log |= {"u": log["u"] + (0.02 * a + 1.5 * np.sin(q)) / machine.gain, "q": np.round(q / turn) * turn}
+        found = estimate(fit_of(tmp_path, log, text), "inertia")
+        off.append((found.value - 0.01) / found.std)
+    assert np.max(np.abs(off)) < 4.0
+    assert np.sqrt(np.mean(np.square(off))) < 2.0
+
+
 def test_gravity_that_is_not_known_is_found(tmp_path: Path) -> None:
     log = TRUE.log()
     q, _, _ = TRUE.motion(log["t"])
