@@ -202,7 +202,7 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
 
 
 def least(doubt: Callable[[float], float], low: float, high: float, trials: int) -> float:
-    """The positive value with the least doubt: the best of a geometric scan, then refined; 0 where 0 has no more."""
+    """The positive value with the least doubt: the best of a geometric scan, then refined; 0 if zero is no worse."""
     nodes = np.linspace(np.log(low), np.log(high), trials)
     best = int(np.argmin([doubt(float(np.exp(node))) for node in nodes]))
     bounds = (nodes[max(best - 1, 0)], nodes[min(best + 1, trials - 1)])

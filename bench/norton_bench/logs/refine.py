@@ -390,8 +390,8 @@ def _verdict(rung: ServoRung) -> tuple[str, ...]:
         )
     elif rung.rivals:
         sentences.append(
-            f"{', '.join(rung.rivals)} leaves less than half of the squared error in training: the logs do not bear "
-            "out this friction, and no number is sure; use more and longer logs, or that model where it holds."
+            f"With {', '.join(rung.rivals)} less than half of the squared error is left in training: these logs do not "
+            "say which friction is right, and no number is sure; use more and longer logs."
         )
     if "source_resistance" in fit.values:
         sentences.append(
