@@ -66,7 +66,7 @@ def test_a_report_where_a_folder_is_given(log: Path, capsys: pytest.CaptureFixtu
     report = Path(json.loads(capsys.readouterr().out)["report"])
     page = report.read_text()
     assert report == log.parent / "out" / "log.report.html"
-    for said in ("coulomb-viscous", "4 of 4", "--columns", "<svg", "held out"):
+    for said in ("coulomb-viscous", "5 of 5", "--columns", "<svg", "held out"):
         assert said in page
 
 
