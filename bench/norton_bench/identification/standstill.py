@@ -13,8 +13,8 @@ BEFORE_ROWS = 5
 # A parabola whose top fills one step of the sensor for FLAT_ROWS falls by 8 steps in the BEFORE_ROWS before it.
 ABRUPT_STEPS = 16
 # What slows down to rest goes at most 12/20 of the way in two rows that it went in the two before, even if it rests a
-# whole row after them; what is cut off at speed goes as far.
-SLOWED = 0.8
+# whole row after them; what is cut off at speed goes nearly as far.
+SLOWED = 0.65
 # What comes from this far in one row was told to step.
 STEP = 0.2
 FROZEN_ROWS = 20

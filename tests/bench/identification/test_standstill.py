@@ -23,9 +23,9 @@ def test_a_shaft_that_brakes_and_sticks_is_not_saturated(braking_rad_s2, phase, 
     assert flat_tops(values) == []
 
 
-@given(st.floats(0.5, 0.9), st.floats(0.3, 3.0), st.floats(0.0, 6.0))
-def test_a_sine_that_is_cut_off_is_saturated(end, hertz, phase):
-    time_s = np.arange(3000) / RATE_HZ
+@given(st.floats(0.5, 0.9), st.floats(0.3, 3.0), st.floats(0.0, 6.0), st.sampled_from([100.0, 250.0, 500.0]))
+def test_a_sine_that_is_cut_off_is_saturated(end, hertz, phase, rate_hz):
+    time_s = np.arange(3000) / rate_hz
     values = counted(np.minimum(np.sin(2 * np.pi * hertz * time_s + phase), end))
     found = flat_tops(values)
     assert sum(length for _, length in found) > 0.6 * np.count_nonzero(values == values.max())
