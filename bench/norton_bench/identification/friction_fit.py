@@ -220,25 +220,22 @@ class Problem:
     def _without_noise(self, gram: FloatArray, moment: FloatArray, part: IntArray) -> tuple[FloatArray, FloatArray]:
         """The columns' products in each part, and those with the target, without what noise adds to them; (parts,
         columns, columns) and (parts, columns)."""
-        inside = part >= 0
-        rows = np.bincount(part[inside], self.scale[inside] ** 2, len(gram))[:, None]
-        at = np.arange(self.noise.size)
-        taken = np.minimum(rows * self.noise, MOST_NOISE * gram[:, at, at])
+        if not self.equation.noise:
+            return gram, moment
+        inside, at = part >= 0, np.arange(len(self.equation.names))
+        rows = np.bincount(part[inside], self.scale[inside] ** 2, len(gram)).astype(np.float64)
+        taken = self._noise_power(rows[:, None], gram[:, at, at])
         gram[:, at, at] -= taken
-        moment[:, at] -= taken * self.of_target
+        moment[:, at] -= taken * self._of_others(self.equation.noise_in_target)
         return gram, moment
 
-    @property
-    def of_target(self) -> FloatArray:
-        """The noise of the target that goes with that of each further column, as a multiple of it, (k,)."""
-        if self.equation.target_noise is None:
-            return np.zeros(self.noise.size)
-        return self.equation.target_noise / np.where(self.noise > 0.0, self.noise, 1.0)
+    def _noise_power(self, rows: FloatArray, squares: FloatArray) -> FloatArray:
+        """What noise adds to the ``squares`` (..., k) of the further columns, over so many ``rows`` of scale 1."""
+        return np.minimum(rows * self._of_others(self.equation.noise), MOST_NOISE * squares)
 
-    @property
-    def noise(self) -> FloatArray:
-        """The variance that noise adds to the further columns in a row of scale 1, (k,)."""
-        return np.zeros(len(self.equation.names)) if self.equation.noise is None else self.equation.noise
+    def _of_others(self, by_name: Mapping[str, float]) -> FloatArray:
+        """A number for each of the further columns, zero where none is named, (k,)."""
+        return np.array([by_name.get(name, 0.0) for name in self.equation.names])
 
     def search(self, rows: BoolArray, start: FloatArray, contained: Mapping[str, FloatArray]) -> Reached:
         """Refined from ``start``, or from what a model that this one contains is here, where that is better.
@@ -304,17 +301,12 @@ class Problem:
     def finish(self, rows: BoolArray, reached: Reached) -> FrictionFit:
         """The values with their covariance, and the prediction of every row."""
         jacobian = np.concatenate([reached.columns, self.slopes(reached)])[:, rows].T
-        noise = np.minimum(
-            np.sum(self.scale[rows] ** 2) * self.noise,
-            MOST_NOISE * np.sum(jacobian[:, : self.noise.size] ** 2, axis=0),
+        others = len(self.equation.names)
+        noise = self._noise_power(
+            np.sum(self.scale[rows] ** 2, keepdims=True), np.sum(jacobian[:, :others] ** 2, axis=0)
         )
-        covariance = sandwich(
-            jacobian,
-            reached.residual,
-            self.equation.time_s[rows],
-            noise,
-            reached.linear[: self.noise.size] - self.of_target,
-        )
+        shrunk = reached.linear[:others] - self._of_others(self.equation.noise_in_target)
+        covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows], noise, shrunk)
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])
         prediction = reached.linear @ (reached.columns / self.scale)

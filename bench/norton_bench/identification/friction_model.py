@@ -1,7 +1,7 @@
 """What every model of friction offers: columns that are linear in its coefficients once its shape is given."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -96,9 +96,9 @@ class Equation:
     ``variance`` (n,) is that of each row's error in units of the best rows': rows that no model can describe have more
     than one. Rows are divided by its root. None: all are alike.
 
-    ``noise`` (k,) is the variance that noise of the readings adds to each of ``others`` in a row: it would shrink what
-    is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). ``target_noise`` (k,) is its
-    covariance with the noise of the target. None: there is none.
+    ``noise`` is the variance that noise of the readings adds to some of ``others`` in a row, by name: it would shrink
+    what is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). ``noise_in_target`` is the
+    noise of the target that goes with it, as a multiple of the column's.
 
     Raises ExperimentError where a number is missing or infinite.
     """
@@ -113,8 +113,8 @@ class Equation:
     afresh: Path | None = None
     settled: BoolArray | None = None
     variance: FloatArray | None = None
-    noise: FloatArray | None = None
-    target_noise: FloatArray | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    noise_in_target: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}

@@ -54,13 +54,7 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
     columns |= {f"{name}{SHIFT}": slopes[name] for name in problem.delays.sought}
     equation = problem.equation
     others = equation.process(np.array(list(columns.values())).reshape(len(columns), problem.known.size))
-    noise, target_noise = (
-        np.array([known.get(name, 0.0) for name in columns])
-        for values in (equation.noise, equation.target_noise)
-        for known in (dict(zip(equation.names, () if values is None else values.tolist(), strict=False)),)
-    )
-    equation = replace(equation, names=tuple(columns), others=others, noise=noise, target_noise=target_noise)
-    return replace(problem, columns=columns, equation=equation)
+    return replace(problem, columns=columns, equation=replace(equation, names=tuple(columns), others=others))
 
 
 def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:

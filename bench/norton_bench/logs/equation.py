@@ -12,7 +12,7 @@ from norton_bench.identification import friction_operators as operators
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.grid import Filters, Stretch, slope
+from norton_bench.logs.grid import Filters, Stretch, white_noise
 from norton_bench.logs.motion import Delays, Motion, moved
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
@@ -257,22 +257,22 @@ def make_problem(
     train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
     _check_enough(parts, int(np.count_nonzero(train)))
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
-    columns = _others(column_map, parts, terms, [split[0] for split in splits], scaled=scaled)
+    trained = [split[0] for split in splits]
+    columns = _others(column_map, parts, terms, trained, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
     # What a known load takes is computed from the same acceleration, unless it is the link's.
     same = terms[0].load is not None and terms[0].link is None
     carried = (parts[0].log.given("load", "inertia") or 0.0) if same else 0.0
-    noise = np.array([_noise(parts, splits, filters) ** 2 if name == "inertia" else 0.0 for name in columns])
     equation = Equation(
         target=rows.process(target[None, :])[0],
         others=rows.process(np.array(list(columns.values())).reshape(len(columns), target.size)),
         names=tuple(columns),
-        path=_path(parts, terms, rows, [split[0] for split in splits]),
+        path=_path(parts, terms, rows, trained),
         fold=_folds(train),
         time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
-        noise=noise,
-        target_noise=-carried * noise,
+        noise={"inertia": _acceleration_noise(parts, trained, filters) ** 2} if column_map.model.inertia else {},
+        noise_in_target={"inertia": -carried},
     )
     return Problem(
         equation=equation,
@@ -291,15 +291,10 @@ def make_problem(
     )
 
 
-def _noise(parts: Sequence[Stretch], splits: Splits, filters: Filters) -> float:
+def _acceleration_noise(parts: Sequence[Stretch], trained: Sequence[BoolArray], filters: Filters) -> float:
     """The deviation of a row's acceleration by noise in the motion trained on: quantisation, readings, stamps."""
-    name = "position" if "position" in parts[0].columns else "velocity"
-    response = filters.response
-    for _ in range(2 if name == "position" else 1):
-        response = slope(response, filters.dt_s)
-    pairs = ((part.columns[name], part.sound & train) for part, (train, _) in zip(parts, splits, strict=True))
-    white = [filters.noise(logged, chosen) for logged, chosen in pairs if chosen.any()]
-    return float(np.linalg.norm(np.convolve(response, filters.kernel)) * np.sqrt(np.mean(np.square(white))))
+    name = parts[0].motion_name
+    return white_noise(parts, trained, filters, name) * filters.in_rows(2 if name == "position" else 1)
 
 
 def _check_enough(parts: Sequence[Stretch], count: int) -> None:

@@ -39,13 +39,12 @@ def remembers(law: FrictionModel) -> bool:
     return any(unknown.dimension is Dimension.DISPLACEMENT for unknown in law.unknowns)
 
 
-def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple[FrictionModel, ...], str]:
+def comparable(near: NearRest, family: Sequence[FrictionModel]) -> tuple[tuple[FrictionModel, ...], str]:
     """Those of the family that can describe the log at all, and a sentence about the others.
 
     Where a contact that remembers leaves far less than friction of velocity alone, the log is of presliding, and no
     law of velocity can foretell a record of it.
     """
-    near = NearRest.of(problem)
     plain, scout = (near.fit(member(name)).fit for name in (PLAIN, SCOUT))
     kept = tuple(filter(remembers, family))
     if not kept or not scout.rms < PRESLIDES * plain.rms:
@@ -59,16 +58,15 @@ def comparable(problem: Problem, family: Sequence[FrictionModel]) -> tuple[tuple
 def estimated(
     again: Callable[[Delays], Problem],
     sought: tuple[str, ...],
-    models: Callable[[Problem], Sequence[FrictionModel]],
+    models: Callable[[NearRest], Sequence[FrictionModel]],
     choose: Callable[[Sequence[Rung]], Rung],
 ) -> Estimated:
     """``again`` makes the problem for given delays, ``models`` the candidates for it.
 
     Raises ExperimentError where there is too little to fit or compare.
     """
-    problem = again(Delays(sought=sought))
-    candidates = models(problem)
-    near = NearRest.of(problem)
+    near = NearRest.of(again(Delays(sought=sought)))
+    candidates = models(near)
     first = _first(near, candidates)
     if sought:
         excess = first.excess
@@ -96,19 +94,20 @@ def _first(near: NearRest, candidates: Sequence[FrictionModel]) -> WeightedFit:
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:
     """The chosen model, fitted where its own delays are: the columns are those of small ones."""
     problem, chosen = result.problem, result.chosen
-    last_s = np.inf
-    for _ in range(ROUNDS if problem.delays.sought else 0):
+    if not problem.delays.sought:
+        return result
+    near, last_s = NearRest.of(problem), np.inf
+    for _ in range(ROUNDS):
         delays = late.found(problem, chosen.fit)
         moved_s = max(
             abs(delays.command_s - problem.delays.command_s), abs(delays.exertion_s - problem.delays.exertion_s)
         )
         if moved_s < SETTLED * problem.filters.dt_s or moved_s >= last_s:
             break
-        excess = NearRest.of(problem).excess(chosen.fit)
-        moved = again(delays)
+        excess, moved = near.excess(chosen.fit), again(delays)
         path = replace(moved.equation.path, shares=problem.equation.path.shares)
-        moved = NearRest.of(replace(moved, equation=replace(moved.equation, path=path))).weighted(excess)
-        problem, last_s = late.with_columns(moved, chosen.fit), moved_s
+        near = NearRest.of(replace(moved, equation=replace(moved.equation, path=path)))
+        problem, last_s = late.with_columns(near.weighted(excess), chosen.fit), moved_s
         fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
         chosen = replace(chosen, fit=fit, train_rms=fit.rms)
     rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)

@@ -20,6 +20,7 @@ from norton_bench.logs.equation import Problem, make_problem
 from norton_bench.logs.estimate import comparable, estimated
 from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
+from norton_bench.logs.near_rest import NearRest
 from norton_bench.logs.outcome import Judged, outcome, refined
 from norton_bench.logs.results import LogFit
 from norton_bench.logs.sanity_checks import (
@@ -162,7 +163,7 @@ def fit_logs(request: Request) -> LogFit:
     result = estimated(
         lambda delays: make_problem(column_map, parts, splits, delays),
         late.sought(column_map),
-        lambda problem: _models(request, problem, remarks),
+        lambda near: _models(request, near, remarks),
         lambda rungs: _chosen(request, rungs),
     )
 
@@ -241,7 +242,7 @@ def _asked(request: Request) -> str | None:
     return None if asked == BEST else asked
 
 
-def _models(request: Request, problem: Problem, remarks: list[str]) -> tuple[FrictionModel, ...]:
+def _models(request: Request, near: NearRest, remarks: list[str]) -> tuple[FrictionModel, ...]:
     """The candidates of the map, or all that the log can tell, and the one that is asked for.
 
     What is refined afterwards only needs a place to begin. What is not compared is added to the remarks.
@@ -250,7 +251,7 @@ def _models(request: Request, problem: Problem, remarks: list[str]) -> tuple[Fri
         return (friction_model(FIRST_MODEL),)
     models = tuple(map(friction_model, request.column_map.model.candidates))
     if not models:
-        models, remark = comparable(problem, (*family_for(problem.equation.path), *FILMS))
+        models, remark = comparable(near, (*family_for(near.problem.equation.path), *FILMS))
         remarks += [remark] if remark else []
     asked = _asked(request)
     if asked is None or asked in {member.name for member in models}:

@@ -69,10 +69,16 @@ class Filters:
         taken = logged - self.smooth(logged)
         return float(np.std(taken[sound]) / np.linalg.norm(pulse - passed))
 
-    @property
-    def response(self) -> FloatArray:
-        """Of the low-pass to one sample of size 1, (2 m + 1,)."""
-        return _pulse(self)[1]
+    def response(self, order: int) -> FloatArray:
+        """Of the low-pass to one sample of size 1, derived ``order`` times, (2 m + 1,)."""
+        result = _pulse(self)[1]
+        for _ in range(order):
+            result = slope(result, self.dt_s)
+        return result
+
+    def in_rows(self, order: int) -> float:
+        """The deviation of that derivative in a row, for white noise of deviation 1 in what was logged."""
+        return float(np.linalg.norm(np.convolve(self.response(order), self.kernel)))
 
     @property
     def kernel(self) -> FloatArray:
@@ -141,6 +147,17 @@ class Stretch:
     time_s: FloatArray
     columns: Mapping[str, FloatArray]
     sound: BoolArray
+
+    @property
+    def motion_name(self) -> str:
+        """The column that the motion is taken from: the velocity where no position was logged."""
+        return "position" if "position" in self.columns else "velocity"
+
+
+def white_noise(parts: Sequence[Stretch], trained: Sequence[BoolArray], filters: Filters, name: str) -> float:
+    """The rms deviation of white noise in a column of all stretches, where it is sound and ``trained`` on."""
+    pairs = [(part.columns[name], part.sound & train) for part, train in zip(parts, trained, strict=True)]
+    return float(np.sqrt(np.mean([filters.noise(logged, chosen) ** 2 for logged, chosen in pairs if chosen.any()])))
 
 
 def usual_interval(log: Log) -> float:

@@ -14,11 +14,9 @@ from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.delays import EXERTION
 from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
-from norton_bench.logs.grid import slope
-from norton_bench.models.parameters import Estimate, Status
-
-# A value less certain than this share of itself is none.
-UNSURE = 0.5
+from norton_bench.logs.grid import white_noise
+from norton_bench.logs.totals import status_of
+from norton_bench.models.parameters import Estimate
 
 
 def spring_of(
@@ -40,7 +38,7 @@ def spring_of(
         late_s = fit.deviations[fit.names.index(EXERTION)]
         stds[1] = np.hypot(stds[1], values[0] * late_s)
     estimates = tuple(
-        Estimate(name, float(value), float(std), units[name], _status(value, std, believed=believed))
+        Estimate(name, float(value), float(std), units[name], status_of(max(value, 0.0), std, believed=believed))
         for name, value, std in zip((LINK_STIFFNESS, LINK_DAMPING), values[:2], stds[:2], strict=True)
     )
     left = float(np.std(residual) / max(np.std(target), 1e-300))
@@ -49,21 +47,8 @@ def spring_of(
 
 def _twist_noise(problem: Problem) -> FloatArray:
     """The deviations of twist and twist rate in a row, by what encoders count and readings scatter, (2,)."""
-    filters = problem.filters
-    responses = [filters.response, slope(filters.response, filters.dt_s)]
-    passed = np.array([np.linalg.norm(np.convolve(response, filters.kernel)) for response in responses])
-    ends = np.cumsum([len(part.time_s) for part in problem.stretches])[:-1]
+    parts, filters = problem.stretches, problem.filters
     assert problem.equation.path.trained is not None
-    trained = np.split(problem.equation.path.trained, ends)
-    white = [
-        [filters.noise(part.columns[name], part.sound & chosen) for name in ("position", "link_position")]
-        for part, chosen in zip(problem.stretches, trained, strict=True)
-        if (part.sound & chosen).any()
-    ]
-    return np.asarray(passed * np.sqrt(np.mean(np.sum(np.square(white), axis=1))))
-
-
-def _status(value: float, std: float, *, believed: bool) -> Status:
-    if not believed:
-        return Status.DOUBTFUL
-    return Status.VALID if std <= UNSURE * value else Status.UNEXCITED
+    trained = np.split(problem.equation.path.trained, np.cumsum([len(part.time_s) for part in parts])[:-1])
+    white = [white_noise(parts, trained, filters, name) for name in ("position", "link_position")]
+    return np.array([filters.in_rows(order) for order in (0, 1)]) * float(np.linalg.norm(white))

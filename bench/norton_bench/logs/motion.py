@@ -20,7 +20,7 @@ class Motion:
     @classmethod
     def of(cls, stretch: Stretch, filters: Filters, later_s: float = 0.0) -> "Motion":
         """From the position or, where only velocity was logged, from that; ``later_s`` after each instant."""
-        if "position" in stretch.columns:
+        if stretch.motion_name == "position":
             return cls.of_position(stretch.columns["position"], filters, later_s)
         velocity = moved(filters.smooth(stretch.columns["velocity"]), filters.dt_s, later_s)
         return cls(integral(velocity, filters.dt_s), velocity, slope(velocity, filters.dt_s))

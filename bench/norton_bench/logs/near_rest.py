@@ -9,7 +9,7 @@ to nothing, and they count like any other.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import ndimage, signal
@@ -19,7 +19,7 @@ from norton_bench.identification.friction_fit import FrictionFit, fit_friction
 from norton_bench.identification.friction_model import FrictionModel, Path
 from norton_bench.identification.statistics import least
 from norton_bench.logs.equation import Problem, Terms
-from norton_bench.logs.grid import Filters, Stretch, slope
+from norton_bench.logs.grid import Filters, Stretch
 
 # A velocity within this many of its deviations has no sign.
 UNSURE = 3.0
@@ -60,6 +60,7 @@ class NearRest:
     share: FloatArray
     slowest: float
     shortest: float
+    _fits: dict[str, WeightedFit] = field(default_factory=dict)
 
     @classmethod
     def of(cls, problem: Problem) -> "NearRest":
@@ -82,10 +83,15 @@ class NearRest:
         return replace(self.problem, equation=replace(equation, path=path, afresh=afresh, variance=variance))
 
     def fit(self, model: FrictionModel) -> WeightedFit:
-        """The model with weights of its own.
+        """The model with weights of its own; each is fitted once.
 
         Raises ExperimentError where there are too few rows or nothing moves.
         """
+        if model.name not in self._fits:
+            self._fits[model.name] = self._fit(model)
+        return self._fits[model.name]
+
+    def _fit(self, model: FrictionModel) -> WeightedFit:
         train, excess = self.problem.train, 0.0
         fit = fit_friction(self.problem.equation, model, train)
         for _ in range(ROUNDS):
@@ -154,7 +160,6 @@ def _of_stretch(stretch: Stretch, term: Terms, filters: Filters) -> BoolArray:
 
 def _velocity_deviation(stretch: Stretch, filters: Filters) -> float:
     """Of the filtered velocity, by the noise in what was logged."""
-    name = "position" if "position" in stretch.columns else "velocity"
-    response = filters.response
-    of_velocity = slope(response, filters.dt_s) if name == "position" else response
-    return filters.noise(stretch.columns[name], stretch.sound) * float(np.linalg.norm(of_velocity))
+    name = stretch.motion_name
+    response = filters.response(1 if name == "position" else 0)
+    return filters.noise(stretch.columns[name], stretch.sound) * float(np.linalg.norm(response))

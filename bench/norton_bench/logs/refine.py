@@ -17,16 +17,7 @@ from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
 from norton_bench.logs.results import UNEXCITED_BEYOND, ErrorFigures, Step
-from norton_bench.logs.servo import (
-    LADDER,
-    UNITS,
-    Box,
-    FittedLogs,
-    ServoFit,
-    ServoLog,
-    ServoModel,
-    fit_servo,
-)
+from norton_bench.logs.servo import LADDER, UNITS, Box, FittedLogs, ServoFit, ServoLog, ServoModel, fit_servo
 from norton_bench.models.parameters import Estimate, Status
 
 # Resistance between the supply and the switches that is reckoned with, over the winding's.
@@ -66,13 +57,12 @@ class Beginning:
 
 @dataclass(frozen=True)
 class ServoRung:
-    """One model, fitted to pieces of ``longest_s``. Errors are rms of whole logs, over the spread of the positions.
+    """One model. Errors are rms of whole logs, over the spread of the positions.
 
     ``rivals`` are models that leave far less in training.
     """
 
     fit: ServoFit
-    longest_s: float
     train_relative: float
     held_out_relative: float
     held_out_std: float
@@ -127,8 +117,8 @@ def _in_pieces(
     """Fitted to pieces that each begin as measured (multiple shooting; Bock 1983), of the length that foretells best.
 
     A short piece stays near the log, so that its error is smooth in the parameters; a long one shows what adds up. Each
-    length is searched from where the one before it led, too. Of lengths that foretell as well as the
-    best, but for ``LEAST_GAIN``, the longest is used.
+    length is searched from where the one before it led, too. Of lengths that foretell as well as the best, but for
+    ``LEAST_GAIN``, the longest is used.
     """
     folds = held_out(trial)
     rungs: list[ServoRung] = []
@@ -230,7 +220,7 @@ def _judged(
     fit = replace(fit, deviations=_widened(fit, others))
     train = float(np.sqrt(np.mean(trial.errors(fit.values) ** 2)))
     rms, std = held_out_rms(squares)
-    return ServoRung(fit, longest_s, train / trial.spread, rms / trial.spread, std / trial.spread)
+    return ServoRung(fit, train / trial.spread, rms / trial.spread, std / trial.spread)
 
 
 def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:

@@ -34,14 +34,15 @@ def totals(problem: Problem, fit: FrictionFit, units: Units, *, believed: bool) 
     exertion, speed = units.exertion, f"{units.motion}/s"
     damping = {"rad/s": "N*m*s/rad", "m/s": "N*s/m"}[speed]
     return tuple(
-        Estimate(name, float(value), float(std), unit, _status(value, std, believed=believed and fit.converged))
+        Estimate(name, float(value), float(std), unit, status_of(value, std, believed=believed and fit.converged))
         for name, value, std, unit in zip(
             ("total_coulomb", "total_viscous"), values, deviations, (exertion, damping), strict=True
         )
     )
 
 
-def _status(value: float, std: float, *, believed: bool) -> Status:
+def status_of(value: float, std: float, *, believed: bool) -> Status:
+    """Of what the values of a fit give."""
     if not believed:
         return Status.DOUBTFUL
     return Status.VALID if std <= UNSURE * abs(value) else Status.UNEXCITED
