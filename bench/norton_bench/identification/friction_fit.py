@@ -99,6 +99,22 @@ def scaled_rms(scaled: FloatArray, scale: FloatArray) -> float:
     return float(np.sqrt(np.sum(scaled**2) / np.sum(scale**2)))
 
 
+def noise_power(equation: Equation, noise: Mapping[str, FloatArray], part: IntArray, squares: FloatArray) -> FloatArray:
+    """What ``noise`` of the equation's further columns, by name (n,), adds to their ``squares`` (parts, k), scaled, in
+    the rows of each part (n,); those of −1 are in none."""
+    inside = part >= 0
+    power = np.zeros(squares.shape)
+    for name, variance in noise.items():
+        weighted = (equation.scale**2 * variance)[inside]
+        power[:, equation.names.index(name)] = np.bincount(part[inside], weighted, len(squares))
+    return np.minimum(power, MOST_NOISE * squares)
+
+
+def noise_in_target(equation: Equation) -> FloatArray:
+    """The target's part of the noise of each of the further columns, as a multiple, (k,)."""
+    return np.array([equation.noise_in_target.get(name, 0.0) for name in equation.names])
+
+
 def fit_friction(
     equation: Equation, model: FrictionModel, rows: BoolArray | None = None, near: FloatArray | None = None
 ) -> FrictionFit:
@@ -222,20 +238,11 @@ class Problem:
         columns, columns) and (parts, columns)."""
         if not self.equation.noise:
             return gram, moment
-        inside, at = part >= 0, np.arange(len(self.equation.names))
-        rows = np.bincount(part[inside], self.scale[inside] ** 2, len(gram)).astype(np.float64)
-        taken = self._noise_power(rows[:, None], gram[:, at, at])
+        at = np.arange(len(self.equation.names))
+        taken = noise_power(self.equation, self.equation.noise, part, gram[:, at, at])
         gram[:, at, at] -= taken
-        moment[:, at] -= taken * self._of_others(self.equation.noise_in_target)
+        moment[:, at] -= taken * noise_in_target(self.equation)
         return gram, moment
-
-    def _noise_power(self, rows: FloatArray, squares: FloatArray) -> FloatArray:
-        """What noise adds to the ``squares`` (..., k) of the further columns, over so many ``rows`` of scale 1."""
-        return np.minimum(rows * self._of_others(self.equation.noise), MOST_NOISE * squares)
-
-    def _of_others(self, by_name: Mapping[str, float]) -> FloatArray:
-        """A number for each of the further columns, zero where none is named, (k,)."""
-        return np.array([by_name.get(name, 0.0) for name in self.equation.names])
 
     def search(self, rows: BoolArray, start: FloatArray, contained: Mapping[str, FloatArray]) -> Reached:
         """Refined from ``start``, or from what a model that this one contains is here, where that is better.
@@ -302,10 +309,10 @@ class Problem:
         """The values with their covariance, and the prediction of every row."""
         jacobian = np.concatenate([reached.columns, self.slopes(reached)])[:, rows].T
         others = len(self.equation.names)
-        noise = self._noise_power(
-            np.sum(self.scale[rows] ** 2, keepdims=True), np.sum(jacobian[:, :others] ** 2, axis=0)
-        )
-        shrunk = reached.linear[:others] - self._of_others(self.equation.noise_in_target)
+        squares = np.sum(jacobian[:, :others] ** 2, axis=0, keepdims=True)
+        all_noise = {**self.equation.noise, **self.equation.noise_at_zero}
+        noise = noise_power(self.equation, all_noise, np.where(rows, 0, -1), squares)[0]
+        shrunk = reached.linear[:others] - noise_in_target(self.equation)
         covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows], noise, shrunk)
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])

@@ -96,9 +96,10 @@ class Equation:
     ``variance`` (n,) is that of each row's error in units of the best rows': rows that no model can describe have more
     than one. Rows are divided by its root. None: all are alike.
 
-    ``noise`` is the variance that noise of the readings adds to some of ``others`` in a row, by name: it would shrink
-    what is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). ``noise_in_target`` is the
-    noise of the target that goes with it, as a multiple of the column's.
+    ``noise`` (n,) is the variance that noise of the readings adds to some of ``others`` in each row, by name: it would
+    shrink what is estimated, and is taken off (Fuller, Measurement Error Models, section 2.2). ``noise_in_target`` is
+    the noise of the target that goes with it, as a multiple of the column's. ``noise_at_zero`` is that of columns whose
+    coefficients end at zero: it shrinks nothing, but it is no information either.
 
     Raises ExperimentError where a number is missing or infinite.
     """
@@ -113,8 +114,9 @@ class Equation:
     afresh: Path | None = None
     settled: BoolArray | None = None
     variance: FloatArray | None = None
-    noise: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, FloatArray] = field(default_factory=dict)
     noise_in_target: Mapping[str, float] = field(default_factory=dict)
+    noise_at_zero: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         parts = {"target": self.target, "motion": self.path.position, "velocity": self.path.velocity}

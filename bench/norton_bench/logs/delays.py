@@ -5,24 +5,25 @@ logged behind a low-pass. The motion is moved instead of what was logged: it has
 between its samples. So no error becomes smaller only because an interpolation smooths noise.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction_fit import FrictionFit, scaled_rms
-from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.friction_fit import FrictionFit, noise_in_target, noise_power
+from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.equation import Problem
+from norton_bench.logs.equation import TORQUE_GAIN, Problem
 from norton_bench.logs.motion import Delays
 
 # How many samples a column may be late or early; what the coarse search steps by.
 LATEST_SAMPLES = 24
 COARSE = 2
 # A delay is believed where it leaves less than this share of the error at no delay, and is as many deviations long:
-# whatever a model of friction lacks looks a little like one.
+# whatever a model of friction lacks looks a little like one. A longer delay in place of a shorter one has to leave as
+# much less once more.
 BELIEVED = 0.95
 SURE = 3.0
 # The fine search: at most so many rounds, of so many samples each, until it moves by less than the last.
@@ -31,8 +32,6 @@ ROUNDS = 12
 NEAR = 0.5
 LONGEST_SAMPLES = 2.0
 SETTLED_SAMPLES = 0.02
-# Passes over the two columns where both may be late.
-PASSES = 2
 
 SHIFT = "_shift"
 COMMAND, EXERTION = "command" + SHIFT, "exertion" + SHIFT
@@ -52,9 +51,13 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
     slopes = _slopes(problem, fit)
     columns = {name: column for name, column in problem.columns.items() if not name.endswith(SHIFT)}
     columns |= {f"{name}{SHIFT}": slopes[name] for name in problem.delays.sought}
-    equation = problem.equation
+    equation, noise = problem.equation, {}
+    if EXERTION in columns:
+        rate = problem.readings.white_noise("exertion") * problem.filters.in_rows(1)
+        noise = {EXERTION: np.full(equation.target.size, rate**2)}
     others = equation.process(np.array(list(columns.values())).reshape(len(columns), problem.known.size))
-    return replace(problem, columns=columns, equation=replace(equation, names=tuple(columns), others=others))
+    equation = replace(equation, names=tuple(columns), others=others, noise_at_zero=noise)
+    return replace(problem, columns=columns, equation=equation)
 
 
 def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
@@ -74,7 +77,7 @@ def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
     smooth = problem.filters.smooth
     slopes = {"exertion": rate(np.concatenate([smooth(term.port) for term in problem.terms if term.port is not None]))}
     if problem.terms[0].drive is not None:
-        gain = fit.value("torque_gain") if problem.terms[0].gain is None else problem.terms[0].gain
+        gain = fit.value(TORQUE_GAIN) if problem.terms[0].gain is None else problem.terms[0].gain
         drive = [smooth(term.drive) for term in problem.terms if term.drive is not None]
         slopes["command"] = -gain * rate(np.concatenate(drive))
     return slopes
@@ -86,7 +89,7 @@ def _moving(problem: Problem, fit: FrictionFit) -> FloatArray:
     count = len(equation.names)
     total = -fit.values[count : count + len(fit.model.terms)] @ fit.model.columns(path, fit.shape)
     for name, column in problem.columns.items():
-        if name in fit.names and name != "torque_gain" and not name.endswith(SHIFT):
+        if name in fit.names and name != TORQUE_GAIN and not name.endswith(SHIFT):
             total = total + fit.value(name) * column
     if problem.terms[0].load is not None:
         total = total - np.concatenate([term.load for term in problem.terms if term.load is not None])
@@ -94,8 +97,12 @@ def _moving(problem: Problem, fit: FrictionFit) -> FloatArray:
 
 
 def found(problem: Problem, fit: FrictionFit) -> Delays:
-    """The delays of ``problem``, and what the fit of it finds beyond them."""
-    more = {name: fit.value(name) if name in fit.names else 0.0 for name in (COMMAND, EXERTION)}
+    """The delays of ``problem``, and what the fit of it surely finds beyond them: its columns hold what is not sure."""
+    stds = dict(zip(fit.names, fit.deviations.tolist(), strict=True))
+    more = {
+        name: fit.value(name) if name in stds and abs(fit.value(name)) > SURE * stds[name] else 0.0
+        for name in (COMMAND, EXERTION)
+    }
     delays = problem.delays
     return replace(delays, command_s=delays.command_s + more[COMMAND], exertion_s=delays.exertion_s + more[EXERTION])
 
@@ -110,40 +117,49 @@ def edge_s(problem: Problem) -> float:
 
 
 def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Problem]) -> Delays:
-    """The delays that the fitted friction asks for: first over whole samples, then within them.
+    """The delays that the fitted friction asks for: that of one column first, then, beside it, that of the other. Where
+    a delay of either leaves about as little, the shorter is the likelier one.
 
     ``fit`` is one of ``problem``, which is made again by ``again`` for other delays. What is not surely late or early
     stays where it was logged; it is ``sought`` all the same, because nobody knows that it is in time.
     """
-    nowhere = Delays(sought=problem.delays.sought)
-    delays = _coarse(problem, fit)
+    sought = problem.delays.sought
+    best, left = Delays(), _linear(problem, fit).rms
+    while open_names := [name for name in sought if name not in best.sought]:
+        trials = [_beside(best, name, problem, fit, again) for name in open_names]
+        least = min(linear.rms for _, linear in trials)
+        as_good = [trial for trial in trials if BELIEVED**2 * trial[1].rms <= least]
+        delays, linear = min(as_good, key=lambda trial: abs(_length_s(trial[0])))
+        sure = abs(_length_s(delays)) > SURE * linear.deviations[delays.sought[-1] + SHIFT]
+        if not sure or not linear.rms < BELIEVED * left:
+            break
+        best, left = delays, linear.rms
+    return replace(best, sought=sought)
+
+
+def _length_s(delays: Delays) -> float:
+    """Of the last column sought."""
+    return delays.command_s if delays.sought[-1] == "command" else delays.exertion_s
+
+
+def _beside(
+    best: Delays, name: str, problem: Problem, fit: FrictionFit, again: Callable[[Delays], Problem]
+) -> "tuple[Delays, _Linear]":
+    """The delay of one more column beside those that are known: first over whole samples, then all within them."""
+    delays = _coarse(problem, fit, best, name)
     dt_s = problem.filters.dt_s
     for _ in range(ROUNDS):
         here = _linear(with_columns(again(delays), fit), fit)
-        step = {name: _limited(here.values.get(name, 0.0), LONGEST_SAMPLES * dt_s) for name in (COMMAND, EXERTION)}
+        step = {each: _limited(here.values.get(each, 0.0), LONGEST_SAMPLES * dt_s) for each in (COMMAND, EXERTION)}
+        settled = {each: max(SETTLED_SAMPLES * dt_s, NEAR * here.deviations.get(each, 0.0)) for each in step}
+        if all(abs(step[each]) < settled[each] for each in step):
+            break
         delays = replace(
             delays,
             command_s=_limited(delays.command_s + step[COMMAND], LATEST_SAMPLES * dt_s),
             exertion_s=_limited(delays.exertion_s + step[EXERTION], LATEST_SAMPLES * dt_s),
         )
-        settled = {name: max(SETTLED_SAMPLES * dt_s, NEAR * here.deviations.get(name, 0.0)) for name in step}
-        if all(abs(step[name]) < settled[name] for name in step):
-            break
-    else:
-        return nowhere
-    if not here.rms < BELIEVED * _linear(problem, fit).rms:
-        return nowhere
-    lengths = {COMMAND: delays.command_s, EXERTION: delays.exertion_s}
-    sure = [
-        name
-        for name in delays.sought
-        if abs(lengths[name + SHIFT]) > SURE * here.deviations.get(name + SHIFT, float("inf"))
-    ]
-    return replace(
-        delays,
-        command_s=delays.command_s if "command" in sure else 0.0,
-        exertion_s=delays.exertion_s if "exertion" in sure else 0.0,
-    )
+    return delays, here
 
 
 @dataclass(frozen=True)
@@ -161,45 +177,58 @@ def _linear(problem: Problem, fit: FrictionFit) -> _Linear:
     columns = np.concatenate([equation.others, -friction])[:, rows]
     scale = equation.scale[rows]
     columns, target = scale * columns, scale * equation.target[rows]
-    linear = linear_solution(columns, target)
+    linear, left = _solution(problem, columns, target, equation.names)
     residual = target - linear @ columns
     deviations = np.sqrt(np.maximum(np.diag(sandwich(columns.T, residual, equation.time_s[rows])), 0.0))
     return _Linear(
         dict(zip(equation.names, linear.tolist(), strict=False)),
         dict(zip(equation.names, deviations.tolist(), strict=False)),
-        scaled_rms(residual, scale),
+        left,
     )
+
+
+def _solution(
+    problem: Problem, columns: FloatArray, target: FloatArray, names: Sequence[str]
+) -> tuple[FloatArray, float]:
+    """Coefficients of scaled columns, and the rms of what they leave, both without what noise does to them: a column of
+    less noise in place of one of more would otherwise leave less for that alone.
+
+    The first columns (k, n) are further ones of the equation, by ``names``, those of friction follow.
+    """
+    equation, rows = problem.equation, problem.train
+    at = [equation.names.index(name) for name in names]
+    squares = np.zeros((1, len(equation.names)))
+    squares[0, at] = np.sum(columns[: len(at)] ** 2, axis=1)
+    noise = noise_power(equation, equation.noise, np.where(rows, 0, -1), squares)[0, at]
+    in_target = noise_in_target(equation)[at]
+    right = columns @ target
+    right[: len(at)] -= noise * in_target
+    linear = normal_solution(columns, right, noise)
+    left = float(np.sum((target - linear @ columns) ** 2) - noise @ (linear[: len(at)] - in_target) ** 2)
+    return linear, float(np.sqrt(max(left, 0.0) / np.sum(equation.scale[rows] ** 2)))
 
 
 def _limited(value: float, most: float) -> float:
     return min(max(value, -most), most)
 
 
-def _coarse(problem: Problem, fit: FrictionFit) -> Delays:
-    """Over whole samples, one column after the other."""
+def _coarse(problem: Problem, fit: FrictionFit, best: Delays, name: str) -> Delays:
+    """Over whole samples of one column; the other is where it is known to be."""
     dt_s, equation, rows = problem.filters.dt_s, problem.equation, problem.train
     friction = equation.process(fit.model.columns(equation.path, fit.shape))
-    fixed = [name for name in equation.names if name != "torque_gain" and not name.endswith(SHIFT)]
+    fixed = [name for name in equation.names if name != TORQUE_GAIN and not name.endswith(SHIFT)]
     scale = equation.scale[rows]
     basis = np.concatenate([equation.others[[equation.names.index(name) for name in fixed]], friction])[:, rows] * scale
+    known = {"command": round(best.command_s / dt_s), "exertion": round(best.exertion_s / dt_s)}
 
-    def left(samples: Mapping[str, int]) -> float:
-        target, drive = _rolled(problem, samples)
+    def left(samples: int) -> float:
+        target, drive = _rolled(problem, known | {name: samples})
         processed = equation.process(np.stack([target, drive]))[:, rows] * scale
-        columns = np.concatenate([basis, processed[1:]]) if "torque_gain" in equation.names else basis
-        error = processed[0] - linear_solution(columns, processed[0]) @ columns
-        return float(np.sqrt(np.mean(error**2)))
+        columns = np.concatenate([basis, processed[1:]]) if TORQUE_GAIN in equation.names else basis
+        return _solution(problem, columns, processed[0], fixed)[1]
 
-    nowhere = dict.fromkeys(problem.delays.sought, 0)
-    best = dict(nowhere)
-    reach = range(-LATEST_SAMPLES, LATEST_SAMPLES + 1, COARSE)
-    for _ in range(PASSES if len(best) > 1 else 1):
-        for name in best:
-            errors = [left(best | {name: samples}) for samples in reach]
-            best[name] = reach[int(np.argmin(errors))]
-    if not left(best) < BELIEVED * left(nowhere):
-        best = nowhere
-    return replace(problem.delays, command_s=dt_s * best.get("command", 0), exertion_s=dt_s * best.get("exertion", 0))
+    delay_s = dt_s * min(range(-LATEST_SAMPLES, LATEST_SAMPLES + 1, COARSE), key=left)
+    return replace(best, sought=(*best.sought, name), **{f"{name}_s": delay_s})
 
 
 def _rolled(problem: Problem, samples: Mapping[str, int]) -> tuple[FloatArray, FloatArray]:

@@ -12,12 +12,15 @@ from norton_bench.identification import friction_operators as operators
 from norton_bench.identification.friction_model import Path
 from norton_bench.identification.ladder import Equation, blocked_folds
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.grid import Filters, Stretch, white_noise
+from norton_bench.logs.grid import Filters, Stretch
 from norton_bench.logs.motion import Delays, Motion, moved
+from norton_bench.logs.readings import Readings
 from norton_bench.logs.slow import drift_columns
 from norton_bench.logs.steps import Inputs, Load, Loop
 
-# The spring of a joint that gives, as a column of the equation where nothing tells what it transmits.
+# Columns of the equation: what the drive does, and the spring of a joint that gives where nothing tells what it
+# transmits.
+TORQUE_GAIN = "torque_gain"
 LINK_STIFFNESS, LINK_DAMPING = "link_stiffness", "link_damping"
 
 
@@ -57,7 +60,7 @@ class Terms:
             motion=motion,
             link=link,
             drive=drive,
-            gain=stretch.log.given("actuator", "torque_gain"),
+            gain=stretch.log.given("actuator", TORQUE_GAIN),
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, link or motion, translation=translation),
@@ -184,11 +187,18 @@ class Problem:
     test: BoolArray
     columns: Mapping[str, FloatArray]
     terms: tuple[Terms, ...]
-    filters: Filters
-    stretches: tuple[Stretch, ...]
+    readings: Readings
     delays: Delays
     pick: IntArray
     drift_s: float | None
+
+    @property
+    def filters(self) -> Filters:
+        return self.readings.filters
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        return self.readings.stretches
 
     def joined(self, name: str) -> FloatArray | None:
         """A field of the terms, at the samples' rate of all stretches; None where it is not known."""
@@ -241,23 +251,14 @@ class Rows:
         return np.asarray(np.concatenate(pieces, axis=1)[:, self.sound])
 
 
-Splits = Sequence[tuple[BoolArray, BoolArray]]
-
-
-def make_problem(
-    column_map: ColumnMap, parts: Sequence[Stretch], splits: Splits, delays: Delays = NO_DELAYS
-) -> Problem:
-    """``splits`` are the instants of each stretch to train and to test on.
-
-    Raises ExperimentError where nothing is left to learn from.
-    """
-    filters = Filters.of(parts[0].dt_s, column_map.filter.cutoff_hz, column_map.filter.rate_hz)
+def make_problem(column_map: ColumnMap, readings: Readings, delays: Delays = NO_DELAYS) -> Problem:
+    """Raises ExperimentError where nothing is left to learn from."""
+    parts, trained, filters = readings.stretches, readings.trained, readings.filters
     terms = tuple(Terms.of(part, column_map, filters, delays) for part in parts)
     rows = Rows.of(terms, filters)
-    train, test = (np.concatenate([split[side] for split in splits])[rows.pick] for side in (0, 1))
+    train, test = (np.concatenate([split[side] for split in readings.splits])[rows.pick] for side in (0, 1))
     _check_enough(parts, int(np.count_nonzero(train)))
     scaled = any(terms[0].__dict__[name] is not None for name in ("port", "gain", "load"))
-    trained = [split[0] for split in splits]
     columns = _others(column_map, parts, terms, trained, scaled=scaled)
     target, exertion = _known(terms, scaled=scaled)
     # What a known load takes is computed from the same acceleration, unless it is the link's.
@@ -271,7 +272,9 @@ def make_problem(
         fold=_folds(train),
         time_s=_running(np.concatenate([part.time_s for part in parts])[rows.pick]),
         process=rows.process,
-        noise={"inertia": _acceleration_noise(parts, trained, filters) ** 2} if column_map.model.inertia else {},
+        noise={"inertia": np.mean(rows.process(readings.acceleration_errors) ** 2, axis=0)}
+        if column_map.model.inertia
+        else {},
         noise_in_target={"inertia": -carried},
     )
     return Problem(
@@ -283,18 +286,11 @@ def make_problem(
         test=test,
         columns=columns,
         terms=terms,
-        filters=filters,
-        stretches=tuple(parts),
+        readings=readings,
         delays=delays,
         pick=rows.pick,
         drift_s=column_map.model.drift_s,
     )
-
-
-def _acceleration_noise(parts: Sequence[Stretch], trained: Sequence[BoolArray], filters: Filters) -> float:
-    """The deviation of a row's acceleration by noise in the motion trained on: quantisation, readings, stamps."""
-    name = parts[0].motion_name
-    return white_noise(parts, trained, filters, name) * filters.in_rows(2 if name == "position" else 1)
 
 
 def _check_enough(parts: Sequence[Stretch], count: int) -> None:
@@ -392,7 +388,7 @@ def _others(
     columns: dict[str, FloatArray] = {}
     drive = _joined(terms, "drive")
     if drive is not None and terms[0].gain is None and scaled:
-        columns["torque_gain"] = drive
+        columns[TORQUE_GAIN] = drive
     if model.inertia:
         columns["inertia"] = -np.concatenate([term.motion.acceleration for term in terms])
     twist = _joined(terms, "twist")

@@ -5,11 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
+from norton_bench.identification.friction_fit import FrictionFit, fit_friction
 from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, FrictionModel
-from norton_bench.identification.ladder import Rung, fit_friction, ladder
+from norton_bench.identification.ladder import Rung, ladder
 from norton_bench.logs import delays as late
-from norton_bench.logs.equation import Problem
+from norton_bench.logs.equation import TORQUE_GAIN, Problem
 from norton_bench.logs.motion import Delays
 from norton_bench.logs.near_rest import NearRest, WeightedFit
 from norton_bench.logs.starts import SCOUT, begun
@@ -23,6 +25,8 @@ PRESLIDES = 1 / 3
 # more than this share of a sample, and by less every time.
 ROUNDS = 12
 SETTLED = 0.02
+# Of the fit, and of the errors that it leaves.
+SHRINKS = 2
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ def estimated(
         near = NearRest.of(begun(problem))
         problem = near.weighted(_first(near, candidates).excess)
     rungs = ladder(problem.equation, candidates, problem.train)
-    return _settled(Estimated(problem, rungs, choose(rungs)), again)
+    return _unshrunk(_settled(Estimated(problem, rungs, choose(rungs)), again))
 
 
 def _first(near: NearRest, candidates: Sequence[FrictionModel]) -> WeightedFit:
@@ -112,3 +116,34 @@ def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated
         chosen = replace(chosen, fit=fit, train_rms=fit.rms)
     rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)
     return Estimated(problem, rungs, chosen)
+
+
+def _unshrunk(result: Estimated) -> Estimated:
+    """Where the torque at the port alone gives the scale, what the equation leaves beyond that sensor's noise is an
+    error of the other side: of the drive, of what moves, of friction's law. Errors on that side make all of it look
+    smaller, by their power over that of the torque (Fuller, Measurement Error Models, section 1.1). So they are taken
+    off as noise of the drive: whichever column they are in, it is one common factor."""
+    problem, chosen = result.problem, result.chosen
+    if problem.terms[0].port is None or TORQUE_GAIN not in problem.equation.names:
+        return result
+    for _ in range(SHRINKS):
+        equation = problem.equation
+        noise = {**equation.noise, TORQUE_GAIN: _drive_noise(problem, chosen.fit)}
+        problem = replace(problem, equation=replace(equation, noise=noise))
+        fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
+        chosen = replace(chosen, fit=fit, train_rms=fit.rms)
+    rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)
+    return Estimated(problem, rungs, chosen)
+
+
+def _drive_noise(problem: Problem, fit: FrictionFit) -> FloatArray:
+    """The variance of the drive in each row that stands for all errors but those of the sensor and of the
+    acceleration, (n,)."""
+    equation, rows = problem.equation, problem.train
+    weight = equation.scale[rows] ** 2
+    sensor = problem.readings.white_noise("exertion") * float(np.linalg.norm(problem.filters.kernel))
+    known = np.full(rows.size, sensor**2)
+    if "inertia" in equation.noise:
+        known = known + fit.value("inertia") ** 2 * equation.noise["inertia"]
+    left = float(np.mean(weight * (fit.residual[rows] ** 2 - known[rows])))
+    return np.asarray(max(left, 0.0) / fit.value(TORQUE_GAIN) ** 2 / equation.scale**2)

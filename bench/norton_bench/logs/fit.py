@@ -22,6 +22,7 @@ from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.near_rest import NearRest
 from norton_bench.logs.outcome import Judged, outcome, refined
+from norton_bench.logs.readings import Readings
 from norton_bench.logs.results import LogFit
 from norton_bench.logs.sanity_checks import (
     Basic,
@@ -160,8 +161,9 @@ def fit_logs(request: Request) -> LogFit:
     splits = _splits(parts, train, test)
     if request.test is not None and not any(split[1].any() for split in splits):
         raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
+    readings = Readings.of(column_map, parts, splits)
     result = estimated(
-        lambda delays: make_problem(column_map, parts, splits, delays),
+        lambda delays: make_problem(column_map, readings, delays),
         late.sought(column_map),
         lambda near: _models(request, near, remarks),
         lambda rungs: _chosen(request, rungs),
@@ -169,7 +171,7 @@ def fit_logs(request: Request) -> LogFit:
 
     def again(others: Sequence[Log]) -> Problem:
         moved, _ = _on_grid(others, column_map, train, test)
-        return make_problem(column_map, moved, _splits(moved, train, test))
+        return make_problem(column_map, Readings.of(column_map, moved, _splits(moved, train, test)))
 
     doubts = _doubts(column_map, logs, result.problem, result.chosen, again)
     judged = Judged(column_map, result.problem, tuple(splits), result.rungs, result.chosen, doubts, tuple(remarks))

@@ -44,10 +44,12 @@ class Filters:
     factor: int
 
     @classmethod
-    def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None) -> "Filters":
-        """A cutoff that the samples are too coarse for has no effect: it is held below half of their rate."""
+    def of(cls, dt_s: float, cutoff_hz: float | None, rows_hz: float | None, fastest_hz: float = np.inf) -> "Filters":
+        """Where nothing is said of rows, they hold what is slower than ``fastest_hz``, if not less. A cutoff that the
+        samples are too coarse for has no effect: it is held below half of their rate."""
         rate_hz = 1 / dt_s
-        rows = max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)) if rows_hz is None else rows_hz
+        usual_hz = min(max(ROWS * rate_hz, min(SLOWEST_ROWS_HZ, rate_hz)), 2 * fastest_hz / PASS)
+        rows = usual_hz if rows_hz is None else rows_hz
         factor = max(1, round(rate_hz / rows))
         usual = max(CUTOFF * rate_hz, ABOVE * 0.5 * PASS * rate_hz / factor)
         cutoff = min(usual if cutoff_hz is None else cutoff_hz, HIGHEST_CUTOFF * rate_hz)
@@ -152,12 +154,6 @@ class Stretch:
     def motion_name(self) -> str:
         """The column that the motion is taken from: the velocity where no position was logged."""
         return "position" if "position" in self.columns else "velocity"
-
-
-def white_noise(parts: Sequence[Stretch], trained: Sequence[BoolArray], filters: Filters, name: str) -> float:
-    """The rms deviation of white noise in a column of all stretches, where it is sound and ``trained`` on."""
-    pairs = [(part.columns[name], part.sound & train) for part, train in zip(parts, trained, strict=True)]
-    return float(np.sqrt(np.mean([filters.noise(logged, chosen) ** 2 for logged, chosen in pairs if chosen.any()])))
 
 
 def usual_interval(log: Log) -> float:

@@ -14,7 +14,6 @@ from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.delays import EXERTION
 from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
-from norton_bench.logs.grid import white_noise
 from norton_bench.logs.totals import status_of
 from norton_bench.models.parameters import Estimate
 
@@ -47,8 +46,5 @@ def spring_of(
 
 def _twist_noise(problem: Problem) -> FloatArray:
     """The deviations of twist and twist rate in a row, by what encoders count and readings scatter, (2,)."""
-    parts, filters = problem.stretches, problem.filters
-    assert problem.equation.path.trained is not None
-    trained = np.split(problem.equation.path.trained, np.cumsum([len(part.time_s) for part in parts])[:-1])
-    white = [white_noise(parts, trained, filters, name) for name in ("position", "link_position")]
-    return np.array([filters.in_rows(order) for order in (0, 1)]) * float(np.linalg.norm(white))
+    white = [problem.readings.white_noise(name) for name in ("position", "link_position")]
+    return np.array([problem.filters.in_rows(order) for order in (0, 1)]) * float(np.linalg.norm(white))

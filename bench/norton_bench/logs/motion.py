@@ -20,9 +20,15 @@ class Motion:
     @classmethod
     def of(cls, stretch: Stretch, filters: Filters, later_s: float = 0.0) -> "Motion":
         """From the position or, where only velocity was logged, from that; ``later_s`` after each instant."""
-        if stretch.motion_name == "position":
-            return cls.of_position(stretch.columns["position"], filters, later_s)
-        velocity = moved(filters.smooth(stretch.columns["velocity"]), filters.dt_s, later_s)
+        name = stretch.motion_name
+        return cls.of_column(name, stretch.columns[name], filters, later_s)
+
+    @classmethod
+    def of_column(cls, name: str, logged: FloatArray, filters: Filters, later_s: float = 0.0) -> "Motion":
+        """``name`` is position or velocity."""
+        if name == "position":
+            return cls.of_position(logged, filters, later_s)
+        velocity = moved(filters.smooth(logged), filters.dt_s, later_s)
         return cls(integral(velocity, filters.dt_s), velocity, slope(velocity, filters.dt_s))
 
     @classmethod

@@ -20,6 +20,7 @@ from norton_bench.logs.files import Content, kind_of, read_file, split_unit
 from norton_bench.logs.grid import common_interval, stretches
 from norton_bench.logs.joints import JOINT, asking
 from norton_bench.logs.log import read_log, usable_rows
+from norton_bench.logs.readings import Readings
 from norton_bench.logs.sanity_checks import Basic
 from norton_bench.rig.files import toml
 from norton_bench.units import conversion
@@ -251,7 +252,7 @@ def _sound(log: Path, guesses: Mapping[str, Guess]) -> bool:
     one = usable_rows(read_log(log, column_map))
     parts, _ = stretches(one, common_interval([one], None), None)
     everything = [(np.ones(len(part.time_s), dtype=bool), np.zeros(len(part.time_s), dtype=bool)) for part in parts]
-    return Basic.of(make_problem(column_map, parts, everything)).sound
+    return Basic.of(make_problem(column_map, Readings.of(column_map, parts, everything))).sound
 
 
 def _text(log: Path, guesses: Mapping[str, Guess], one: Chosen) -> str:

@@ -9,6 +9,7 @@ from norton_bench.logs.equation import make_problem
 from norton_bench.logs.grid import stretches
 from norton_bench.logs.log import read_log
 from norton_bench.logs.near_rest import NearRest, likeliest_excess
+from norton_bench.logs.readings import Readings
 from tests.bench.logs.machines import FREE, Columns, Machine, column_map, estimate, fit_of, write_csv
 
 TRUE = {"inertia": 0.02, "viscous_damping": 0.15, "coulomb_torque": 0.5}
@@ -76,7 +77,7 @@ def test_shares_are_of_the_rows_beside_turns(tmp_path: Path) -> None:
     columns = {"t": time_s, "q": np.sin(2 * np.pi * 0.5 * time_s), "u": np.cos(time_s)}
     text = column_map(FREE)
     (part,), _ = stretches(read_log(write_csv(tmp_path / "log.csv", columns), text), 2e-3, None)
-    problem = make_problem(text, (part,), [(np.ones(5000, dtype=bool), np.zeros(5000, dtype=bool))])
+    problem = make_problem(text, Readings.of(text, (part,), [(np.ones(5000, dtype=bool), np.zeros(5000, dtype=bool))]))
     near = NearRest.of(problem)
     since_turn_s = (problem.equation.time_s - 0.5 + 0.5) % 1.0 - 0.5
     assert near.share[np.abs(since_turn_s) < 5e-3] == pytest.approx(1.0, abs=0.1)

@@ -176,8 +176,8 @@ def test_logs_of_one_machine_that_differ_widen_its_intervals(tmp_path: Path) -> 
 
 
 def test_the_quarters_of_one_record_are_compared(tmp_path: Path) -> None:
-    # Of 40 seeds 3 differ by chance, 1 among them.
-    log = replace(TRUE, seed=2).log()
+    # Each of five values differs by chance with a probability of 5 %: in 4 of 16 seeds one does (2, 3, 6 and 8).
+    log = replace(TRUE, seed=1).log()
     _, v, _ = TRUE.motion(log["t"])
     steady = fit_of(tmp_path, log)
     assert any("Quarters of the record agree" in said for said in steady.verdict)
