@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.friction_fit import scaled_rms
 from norton_bench.identification.ladder import Rung
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
@@ -24,8 +23,9 @@ def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
     if not problem.scaled or not rows.any():
         return ()
     residual = chosen.fit.residual[rows]
-    scale = chosen.fit.scale[rows]
-    test = scaled_rms(scale * residual, scale)
+    # As weighted in training: rows near rest count for as little as there.
+    usual = float(np.sqrt(np.mean(chosen.fit.scale[problem.train] ** 2)))
+    test = float(np.sqrt(np.mean((chosen.fit.scale[rows] * residual) ** 2))) / usual
     expected = max(chosen.held_out_rms, chosen.train_rms)
     worst = float(np.sqrt(max(chosen.fold_mean_squares)))
     if not test > max(FAR * expected, worst):

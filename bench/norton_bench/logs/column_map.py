@@ -338,6 +338,8 @@ def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:
         mistakes.add("[loop]", "needs a goal; add [columns] goal, or leave [loop] out")
     if column_map.model.temperature and columns.temperature is None:
         mistakes.add("[model] temperature", 'needs one; add [columns] temperature = "name", or leave it out')
+    if column_map.model.gravity and column_map.translation:
+        mistakes.add("[model] gravity", "is of a turning joint; on a slide the offset holds it: leave it out")
     if column_map.model.refine is not None:
         _check_refinement(column_map, mistakes)
 
@@ -358,8 +360,13 @@ def _check_load(column_map: ColumnMap, mistakes: Mistakes) -> None:
 
 
 def _without_scale(column_map: ColumnMap) -> bool:
-    """Whether a load is known that only adds to the inertia or to a constant, and nothing else gives a scale."""
+    """Whether a load is known that only adds to the inertia or to a constant, and nothing else gives a scale.
+
+    A load's inertia does if the actuator's own is not fitted.
+    """
     load = column_map.load
+    if load.inertia is not None and not column_map.model.inertia:
+        return False
     pulls = not column_map.translation and (load.gravity is not None or load.mass is not None)
     told = column_map.columns.exertion is not None or column_map.actuator.torque_gain is not None
     return (load.inertia is not None or load.gravity is not None) and not pulls and not told

@@ -11,17 +11,17 @@ from norton_bench.logs.joints import JOINT
 NAMES: Mapping[str, str] = {
     "time": r"^(t|ts|sec|secs|seconds)$|time|stamp|zeit|clock",
     "goal": r"goal|set.?point|target|desired|reference|(^|_)(ref|des|soll)(_|$)",
-    "command": r"command|(^|_)(cmd|i|iq|u|pwm|amps?|volts?)(_|$|\d)|current|voltage|duty|strom",
-    "exertion": r"torque|(^|_)(tau|trq|moment)(_|$|\d)|force|effort|load.?cell|drehmoment|kraft",
+    "command": r"command|(^|_)(cmd|i|iq|u|pwm|cur|amps?|volts?)(_|$|\d)|current|voltage|duty|strom",
+    "exertion": r"torque|(^|_)(tau|trq|moment|f)(_|$|\d)|force|effort|load.?cell|drehmoment|kraft",
     "velocity": r"veloc|speed|(^|_)(vel|omega|qd|dq|rpm|w|v)(_|$|\d)|geschwindigkeit",
     "position": r"position|angle|encoder|displacement|(^|_)(pos|theta|phi|q|qm|x)(_|$|\d)|winkel|weg",
     "temperature": r"temp",
 }
 # Units at the end of a name, longest first.
 ENDINGS: Mapping[str, str] = {
-    "rad_s": "rad/s", "deg_s": "deg/s", "mm_s": "mm/s", "m_s": "m/s", "rpm": "rpm", "rad": "rad", "deg": "deg",
-    "mm": "mm", "um": "um", "nm": "N*m", "ms": "ms", "us": "us", "ns": "ns", "ma": "mA", "s": "s", "m": "m", "n": "N",
-    "a": "A", "v": "V", "c": "degC",
+    "rad_s": "rad/s", "deg_s": "deg/s", "mm_s": "mm/s", "turns": "rev", "m_s": "m/s", "rpm": "rpm", "rad": "rad",
+    "deg": "deg", "rev": "rev", "mnm": "mN*m", "mm": "mm", "um": "um", "nm": "N*m", "ms": "ms", "us": "us", "ns": "ns",
+    "ma": "mA", "s": "s", "m": "m", "n": "N", "a": "A", "v": "V", "c": "degC",
 }  # fmt: skip
 # Names that say nothing beside those that they are in: "/current/data", "/wrench/torque/z".
 EMPTY = ("data", "value", "x", "y", "z", "w")
@@ -30,8 +30,10 @@ EMPTY = ("data", "value", "x", "y", "z", "w")
 def kind_of_column(name: str) -> str | None:
     """What a column holds, as a map calls it; None where its name does not tell. No unit may stand behind it."""
     *_, parent, last = ["", *(part.strip("[]_.") for part in name.split("/"))]
-    told = parent if last.lower() in EMPTY and parent else last
-    return next((what for what, pattern in NAMES.items() if re.search(pattern, told.lower())), None)
+    told = (parent if last.lower() in EMPTY and parent else last).lower()
+    ending = next((f"_{each}" for each in ENDINGS if told.endswith(f"_{each}")), "")
+    names = (told, told.removesuffix(ending))
+    return next((what for what, pattern in NAMES.items() if any(re.search(pattern, name) for name in names)), None)
 
 
 def unit_in_name(bare: str, behind: str) -> str:

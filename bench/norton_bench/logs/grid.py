@@ -192,17 +192,22 @@ def stretches(log: Log, dt_s: float, gap_s: float | None) -> tuple[tuple[Stretch
         )
     if leaps.any():
         sentences.append(
-            f"{log.place}: position leaps {int(leaps.sum())} times, first at {log.time_s[int(np.argmax(leaps))]:.4g} s "
-            "(rows are missing, or it wraps); the log is cut there."
+            f"{log.place}: a position leaps {int(leaps.sum())} times, first at "
+            f"{log.time_s[int(np.argmax(leaps))]:.4g} s (rows are missing, or it wraps); the log is cut there."
         )
     return tuple(_stretch(log, dt_s, part, wrong) for part in parts), tuple(sentences)
 
 
 def _leaps(log: Log) -> BoolArray:
-    """Where the position goes on from somewhere else: one step far beyond those around it, shape (n − 1,)."""
-    position = log.columns.get("position")
-    if position is None:
-        return np.zeros(len(log.time_s) - 1, dtype=bool)
+    """Where a position goes on from somewhere else: one step far beyond those around it, shape (n − 1,)."""
+    found = np.zeros(len(log.time_s) - 1, dtype=bool)
+    for name in ("position", "link_position"):
+        if name in log.columns and np.ptp(log.columns[name]) > 0:
+            found |= _leaps_of(log.columns[name])
+    return found
+
+
+def _leaps_of(position: FloatArray) -> BoolArray:
     ways = np.abs(np.diff(position))
     around = np.pad(ways, LEAP_AROUND)
     beside = np.max([around[k : k + ways.size] for k in range(2 * LEAP_AROUND + 1) if k != LEAP_AROUND], axis=0)

@@ -14,6 +14,8 @@ from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.delays import EXERTION
 from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
+from norton_bench.logs.results import HARMONIC
+from norton_bench.logs.sanity_checks import UNEXPLAINED
 from norton_bench.logs.totals import status_of
 from norton_bench.models.parameters import Estimate
 
@@ -26,9 +28,10 @@ def spring_of(
     if twist is None or transmitted is None:
         return (), ()
     rows, process = problem.train, problem.equation.process
-    columns = process(np.concatenate([twist, np.ones((1, twist.shape[1]))]))[:, rows]
-    target = process(transmitted[None])[0][rows]
-    noise = target.size * np.append(_twist_noise(problem) ** 2, 0.0)
+    columns = process(np.concatenate([twist, _constants(problem)]))[:, rows]
+    columns = columns[[*range(2), *(2 + np.flatnonzero(np.any(columns[2:] != 0, axis=1)))]]
+    target = process((transmitted + _gravity(problem, fit))[None])[0][rows]
+    noise = np.concatenate([target.size * _twist_noise(problem) ** 2, np.zeros(len(columns) - 2)])
     values = normal_solution(columns, columns @ target, noise)
     residual = target - values @ columns
     stds = np.sqrt(np.diag(sandwich(columns.T, residual, problem.equation.time_s[rows], noise, values)))
@@ -36,12 +39,31 @@ def spring_of(
         # A torque that is read so much later looks like damping.
         late_s = fit.deviations[fit.names.index(EXERTION)]
         stds[1] = np.hypot(stds[1], values[0] * late_s)
+    left = float(np.std(residual) / max(np.std(target), 1e-300))
+    # What leaves most of a torque is no spring of it.
+    believed = believed and left <= UNEXPLAINED
     estimates = tuple(
         Estimate(name, float(value), float(std), units[name], status_of(max(value, 0.0), std, believed=believed))
         for name, value, std in zip((LINK_STIFFNESS, LINK_DAMPING), values[:2], stds[:2], strict=True)
     )
-    left = float(np.std(residual) / max(np.std(target), 1e-300))
     return estimates, (f"A linear spring between motor and link leaves {left:.1%} of what it transmits.",)
+
+
+def _constants(problem: Problem) -> FloatArray:
+    """One for each log, at the samples' rate: encoders are set to zero anew when they are switched on."""
+    lengths = [len(part.time_s) for part in problem.stretches]
+    place = np.repeat([part.log.place for part in problem.stretches], lengths)
+    return np.stack([place == each for each in dict.fromkeys(place)]).astype(np.float64)
+
+
+def _gravity(problem: Problem, fit: FrictionFit) -> FloatArray:
+    """What is fitted of the link's weight, which a known load does not hold; at the samples' rate."""
+    total = np.zeros(problem.known.size)
+    if problem.terms[0].port is None:
+        for name, column in problem.columns.items():
+            if name.startswith(HARMONIC):
+                total = total - fit.value(name) * column
+    return total
 
 
 def _twist_noise(problem: Problem) -> FloatArray:

@@ -226,7 +226,7 @@ def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
         return [log.columns[other] for other in telling if other in log.columns and other != name]
 
     # A shaft may well rest at the end; not under a command that swings by half of its range.
-    share = 0.5 if name == "position" else standstill.ELSEWHERE
+    share = 0.5 if name in ("position", "link_position") else standstill.ELSEWHERE
     least = max(FROZEN_ROWS, FROZEN_SHARE * len(values))
     found = standstill.frozen(values, others, least=least, share_at_end=share)
     return [(first, length) for first, length in found if not (name == "velocity" and values[first] == 0.0)]
@@ -234,7 +234,7 @@ def _frozen(log: Log, name: str) -> list[tuple[int, int]]:
 
 def held_rows(log: Log) -> tuple[int, int] | None:
     """Every how manieth row a sensor was read, and from which on; None where every row is a reading of its own."""
-    for name in ("position", "velocity", "exertion"):
+    for name in ("position", "velocity", "link_position", "exertion"):
         result = standstill.held(log.columns[name]) if name in log.columns else None
         if result is not None:
             return result

@@ -205,7 +205,7 @@ def outcome(judged: Judged) -> LogFit:
         parts.sentence,
         *message,
     ]
-    sentences = [*judged.doubts, *said, *map(words, together), *_uncertain(untold)]
+    sentences = [*judged.doubts, *said, *map(words, together), *_uncertain([*untold, *spring])]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit, judged.splits))
     return LogFit(
         model=judged.chosen.name,

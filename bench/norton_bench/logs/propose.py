@@ -33,6 +33,7 @@ RATIOS = ((1.0, None, None), (180 / np.pi, "rad", "deg/s"), (np.pi / 180, "deg",
 NEAR = 0.1
 # The effort of sensor_msgs/JointState, which is in N·m or N.
 EFFORT = re.compile(r"(^|/)effort(\[|$)")
+ELECTRIC = {"V": ("volt",), "A": ("current", "amp")}
 LENGTHS = ("m", "mm", "um", "cm", "km")
 ALIKE = 0.7
 
@@ -150,9 +151,10 @@ def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
         missing.append("a command or exertion")
     if missing:
         known = ", ".join(list(content.arrays)[:12])
+        untimed = ', with [log] rate = "1 kHz" where no column is a time' if "a time" in missing else ""
         raise UsageError(
             f"{log}: no column can be told by its name to be {' and '.join(missing)}; there are {known}: write a map "
-            "as in docs/logs.md, and name it with --columns"
+            f"as in docs/logs.md{untimed}, and name it with --columns"
         )
 
 
@@ -187,13 +189,16 @@ def _together(content: Content, guesses: Mapping[str, Guess]) -> bool:
 def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
     """The units of what neither a name nor another column tells."""
     length = _translation(guesses)
+    drive = guesses["command"].name.lower() if "command" in guesses else ""
+    electric = next((unit for unit, words in ELECTRIC.items() if any(word in drive for word in words)), "")
     position = guesses["position"].unit if "position" in guesses else ""
     return {
         "position": "m" if length else "rad",
         "velocity": "m/s" if length else "rad/s",
         "goal": position or ("m" if length else "rad"),
         "exertion": "N" if length else "N*m",
-        **({"command": "N" if length else "N*m"} if EFFORT.search(guesses.get("command", Guess("", "")).name) else {}),
+        **({"command": "N" if length else "N*m"} if EFFORT.search(drive) else {}),
+        **({"command": electric} if electric else {}),
         "temperature": "degC",
     }
 

@@ -274,7 +274,7 @@ def refine(
         train=_figures(train, chosen.fit, units.motion),
         test=_figures(test, chosen.fit, units.motion),
         ladder=steps,
-        verdict=_verdict(chosen),
+        verdict=(*_verdict(chosen), *_begun(problem)),
     )
 
 
@@ -367,6 +367,15 @@ def _step(rung: ServoRung, begin: Beginning, units: Units, *, doubtful: bool) ->
         held_out_std=rung.held_out_std,
         selected=rung.selected,
         estimates=_estimates(rung, begin, units, doubtful=doubtful),
+    )
+
+
+def _begun(problem: Problem) -> tuple[str, ...]:
+    """What becomes of a gain that the map gives."""
+    if problem.terms[0].gain is None:
+        return ()
+    return (
+        "[actuator] torque_gain is only where the search begins: the known load gives the scale, and the gain too.",
     )
 
 

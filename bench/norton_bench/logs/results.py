@@ -85,8 +85,9 @@ class LogFit:
 SURE = 2.0
 # An estimate less certain than this, relative to itself, is none.
 UNEXCITED_BEYOND = 0.5
-# These may be nothing at all, and then have a deviation beyond their value.
+# What is never negative.
 POSITIVE = ("inertia", "link_stiffness", "link_damping")
+# These may be nothing at all, and then have a deviation beyond their value.
 MAY_VANISH = ("offset", "cogging_", "stribeck_torque")
 # Any harmonic of gravity may be nothing, too; but together they are not.
 HARMONIC = "gravity_"
@@ -150,8 +151,11 @@ def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction,
     known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
     names = [
         name
-        for name in fit.names
-        if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)
+        for name, value, std in zip(fit.names, fit.values, fit.deviations, strict=True)
+        if name in known
+        and not name.startswith((*MAY_VANISH, ELEMENT))
+        and not name.endswith(SHIFT)
+        and not (name.startswith(HARMONIC) and std > UNEXCITED_BEYOND * abs(value))
     ]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))

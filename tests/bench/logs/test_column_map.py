@@ -96,6 +96,16 @@ def test_mistakes_in_further_sections(section: str, said: str) -> None:
     assert f"m.toml: {said}" in mistakes_in(f"{right}{section}\n")
 
 
+def test_a_slide_has_no_gravity_by_position() -> None:
+    slide = RIGHT.replace("rotation", "translation").replace('"deg"', '"mm"')
+    assert "m.toml: [model] gravity: is of a turning joint" in mistakes_in(f"{slide}[model]\ngravity = true\n")
+
+
+def test_a_load_tells_the_scale_where_no_inertia_is_fitted() -> None:
+    load = '[load]\ninertia = "1 kg*m^2"\n'
+    assert parse_map(f"{RIGHT}{load}[model]\ninertia = false\n", place="m.toml").load.inertia is not None
+
+
 def test_all_mistakes_are_told_at_once() -> None:
     said = mistakes_in(RIGHT.replace("title", "titel").replace("scale", "scal").replace('"rotation"', "3"))
     assert len(said.splitlines()) == 3

@@ -102,6 +102,28 @@ def test_a_locked_link_twists_its_joint(tmp_path: Path) -> None:
     assert abs(damping.value - TRUE["link_damping"]) < 4 * damping.std
 
 
+def test_what_is_fitted_of_the_weight_is_transmitted_too(tmp_path: Path) -> None:
+    text = GAINED.replace("[model]", f'[load]\ninertia = "{LINK_INERTIA} kg*m^2"\n[model]\ngravity = true')
+    fit = fit_logs(Request((write_csv(tmp_path / "log.csv", log(1)),), column_map(text)))
+    assert estimate(fit, "gravity_sine").value == pytest.approx(PULL, rel=0.01)
+    assert estimate(fit, "link_stiffness").value == pytest.approx(TRUE["link_stiffness"], rel=0.02)
+
+
+def test_encoders_may_be_set_to_zero_anew_in_each_log(tmp_path: Path) -> None:
+    logs = [log(seed) | {"link": log(seed)["link"] + zero} for seed, zero in ((1, 0.0), (2, 0.003))]
+    paths = tuple(write_csv(tmp_path / f"{index}.csv", each) for index, each in enumerate(logs))
+    fit = fit_logs(Request(paths, column_map(SENSOR)))
+    assert estimate(fit, "link_stiffness").value == pytest.approx(TRUE["link_stiffness"], rel=2e-3)
+    assert any("A linear spring between motor and link leaves 0." in said for said in fit.verdict)
+
+
+def test_what_is_no_spring_has_no_stiffness(tmp_path: Path) -> None:
+    columns = log(1)
+    wrong = columns | {"link": columns["link"] + 0.05 * np.sin(2 * np.pi * 0.4 * columns["t"])}
+    fit = fit_logs(Request((write_csv(tmp_path / "log.csv", wrong),), column_map(SENSOR)))
+    assert estimate(fit, "link_stiffness").status is not Status.VALID
+
+
 def test_a_spring_that_is_none_is_said(tmp_path: Path) -> None:
     """A third of the torque that the sensor measures comes from elsewhere."""
     columns = log(1)

@@ -72,6 +72,19 @@ def test_a_log_that_never_rests_has_no_such_rows(tmp_path: Path) -> None:
     assert not any("Near rest" in said for said in fit.verdict)
 
 
+def test_a_test_at_rest_is_no_alarm(tmp_path: Path) -> None:
+    """Friction holds what pulls at it, and no law of velocity says how strongly."""
+    log = sticking(1)
+    rest = {name: np.full(2000, values[-1]) for name, values in log.items()}
+    rest["t"] = log["t"][-1] + 2e-3 * np.arange(1, 2001)
+    rest["u"] = log["u"][-1] + 0.01 * np.random.default_rng(2).standard_normal(2000)
+    rest["q"][::2] += 2 * np.pi / 2**17  # the count flickers
+    fit = fit_of(tmp_path, {name: np.append(log[name], rest[name]) for name in log}, STICKS, test="12: s")
+    assert fit.test.exertion is not None
+    assert fit.test.exertion.rms > 3 * fit.predictions.deviation.min()
+    assert not fit.alarms
+
+
 def test_shares_are_of_the_rows_beside_turns(tmp_path: Path) -> None:
     time_s = np.arange(5000) / 500
     columns = {"t": time_s, "q": np.sin(2 * np.pi * 0.5 * time_s), "u": np.cos(time_s)}

@@ -7,6 +7,7 @@ import pytest
 
 from norton_bench.errors import UsageError
 from norton_bench.logs.column_map import ColumnMap, parse_map
+from norton_bench.logs.column_names import kind_of_column, unit_in_name
 from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.propose import propose, write_proposal
 from tests.bench.logs.machines import Columns, Machine, estimate, write_csv
@@ -58,6 +59,33 @@ def test_a_velocity_that_is_none_is_left_out_and_a_second_joint_named(tmp_path: 
     assert found.columns.velocity is None
     assert '"vel" is not the derivative of "q1"' in said
     assert '"q2" may be the position too' in said
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "unit"),
+    [
+        ("t_s", "time", "s"),
+        ("cur_A", "command", "A"),
+        ("angle_rev", "position", "rev"),
+        ("torque_mNm", "exertion", "mN*m"),
+        ("F", "exertion", ""),
+        ("speed_deg_s", "velocity", "deg/s"),
+    ],
+)
+def test_short_names_with_their_units(name: str, what: str, unit: str) -> None:
+    assert kind_of_column(name) == what
+    assert unit_in_name(name, "") == unit
+
+
+def test_a_voltage_is_in_volts_and_the_word_sample_is_no_time(tmp_path: Path) -> None:
+    log = {"time_s": LOG["t"], "angle_rev": LOG["q"] / (2 * np.pi), "motor_voltage": LOG["u"]}
+    text, said = propose(write_csv(tmp_path / "log.csv", log))
+    assert 'command = { name = "motor_voltage", unit = "V" }' in text
+    assert 'position = { name = "angle_rev", unit = "rev" }' in text
+    assert any('"motor_voltage" is taken to be in V' in each for each in said)
+    counted = {"Sample": np.arange(LOG["t"].size, dtype=float), "angle_rev": LOG["q"], "cur_A": LOG["u"]}
+    with pytest.raises(UsageError, match=r'\[log\] rate = "1 kHz"'):
+        propose(write_csv(tmp_path / "counted.csv", counted))
 
 
 @pytest.mark.parametrize("columns", [{"a": LOG["t"], "b": LOG["q"]}, {"t": LOG["t"], "q": LOG["q"]}])
