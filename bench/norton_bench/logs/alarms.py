@@ -4,15 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray
+from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.ladder import Rung
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
+from norton_bench.logs.results import unit_of
 
 # Of the error on held-out parts: a test beyond is not what the training data promise.
 FAR = 2.0
 # Of the squared error: a cause that explains this much is the one.
 EXPLAINS = 0.5
+# A column shorter than this says nothing.
+NOTHING = 1e-200
 # Beyond what was trained on by this factor is elsewhere.
 ELSEWHERE = 1.2
 
@@ -30,7 +33,7 @@ def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
     worst = float(np.sqrt(max(chosen.fold_mean_squares)))
     if not test > max(FAR * expected, worst):
         return ()
-    reasons = list(_reasons(problem, residual, units)) or [
+    reasons = list(_reasons(problem, chosen.fit, units)) or [
         "no single cause shows: the machine or its load was not the same, or the model does not describe it"
     ]
     return (
@@ -39,21 +42,44 @@ def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
     )
 
 
-def _reasons(problem: Problem, residual: FloatArray, units: Units) -> Iterator[str]:
-    rows, total = problem.test, float(np.mean(residual**2))
-    mean = float(np.mean(residual))
+def _reasons(problem: Problem, fit: FrictionFit, units: Units) -> Iterator[str]:
+    rows = problem.test
+    residual = fit.residual[rows]
+    total, mean = float(np.mean(residual**2)), float(np.mean(residual))
     if mean**2 > EXPLAINS * total:
         yield (
             f"most of it is a constant of {problem.side * mean:.3g} {units.exertion}, so the zero of a sensor or a "
             "constant load differs from the training's"
         )
-    predicted = problem.equation.target[rows] - residual
-    power = float(predicted @ predicted)
-    factor = float(predicted @ problem.equation.target[rows]) / power if power > 0 else 1.0
-    left = float(np.mean((problem.equation.target[rows] - factor * predicted) ** 2))
-    if left < (1 - EXPLAINS) * total:
-        yield f"everything is {factor:.3g} times as large as predicted: a gain, a unit or a load differs"
+    else:
+        yield from _one_number(problem, fit, units, total)
     yield from _elsewhere(problem, units)
+
+
+def _one_number(problem: Problem, fit: FrictionFit, units: Units, total: float) -> Iterator[str]:
+    """A factor of everything, or a value that is another one here: what explains the most, if that is most of it."""
+    equation, rows = problem.equation, problem.test
+    target = equation.target[rows]
+    predicted = target - fit.residual[rows]
+    power = float(predicted @ predicted)
+    factor = float(predicted @ target) / power if power > 0 else 1.0
+    by_factor = 1 - float(np.mean((target - factor * predicted) ** 2)) / total
+    columns = np.concatenate([equation.others, -equation.process(fit.model.columns(equation.path, fit.shape))])[:, rows]
+    columns, residual = fit.scale[rows] * columns, (fit.scale * fit.residual)[rows]
+    squares = np.maximum(np.sum(columns**2, axis=1), NOTHING)
+    changes = columns @ residual / squares
+    by_value = changes**2 * squares / (residual @ residual)
+    index = int(np.argmax(by_value))
+    if max(by_factor, by_value[index]) < EXPLAINS:
+        return
+    if by_factor >= by_value[index]:
+        yield f"everything is {factor:.3g} times as large as predicted: a gain, a unit or a load differs"
+        return
+    name, value = fit.names[index], float(fit.values[index])
+    yield (
+        f"with {name.replace('_', ' ')} {value + changes[index]:.4g} {unit_of(name, fit, units)} in place of "
+        f"{value:.4g} {by_value[index]:.0%} of it would be explained"
+    )
 
 
 def _elsewhere(problem: Problem, units: Units) -> Iterator[str]:

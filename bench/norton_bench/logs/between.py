@@ -54,7 +54,14 @@ class Compared:
         told = "; ".join(
             f"{one.name.replace('_', ' ')} {', '.join(f'{value:.4g}' for value in one.values)}" for one in apart
         )
-        return f"{self.what} differ by more than their deviations allow, and intervals are widened by that: {told}."
+        sentence = f"{self.what} differ by more than their deviations allow, and intervals are widened by that: {told}."
+        drifts = any(one.name == "offset" and _goes_one_way(one.values) for one in apart)
+        return f'{sentence} The offset drifts: try [model] drift = "30 s".' if drifts else sentence
+
+
+def _goes_one_way(values: FloatArray) -> bool:
+    steps = np.diff(values)
+    return bool(steps.size > 1 and (np.all(steps > 0) or np.all(steps < 0)))
 
 
 def compared(problem: Problem, fit: FrictionFit) -> Compared:

@@ -277,11 +277,10 @@ def _doubts(
 ) -> tuple[str, ...]:
     basic = Basic.of(problem)
     left = chosen.train_rms / max(variation(problem), 1e-300)
-    result = [
-        *unlike_derivative(problem.stretches, problem.filters),
-        *ahead_of_goal(problem.stretches, problem.filters),
-        *unlike_link(problem.stretches),
-    ]
+    units = [*unlike_derivative(problem.stretches, problem.filters), *unlike_link(problem.stretches)]
+    if units:
+        return tuple(units)  # which say themselves what is swapped
+    result = [*ahead_of_goal(problem.stretches, problem.filters)]
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
     result = result or [*wrong_signs(basic, column_map, ratio)]
     if column_map.model.refine is None:

@@ -29,7 +29,7 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
-from norton_bench.logs.sanity_checks import astray
+from norton_bench.logs.sanity_checks import UNEXPLAINED, astray
 from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
 from norton_bench.logs.totals import totals
 from norton_bench.models.parameters import Estimate, Status
@@ -210,7 +210,7 @@ def outcome(judged: Judged) -> LogFit:
     return LogFit(
         model=judged.chosen.name,
         estimates=(*estimates, *spring),
-        verdict=tuple(dict.fromkeys(sentences)),
+        verdict=tuple(dict.fromkeys([*sentences, *_runs_away(train.motion)])),
         converged=fit.converged,
         doubtful=doubtful,
         train=train,
@@ -289,6 +289,15 @@ def _near_rest(problem: Problem) -> Iterator[str]:
         yield (
             f"Near rest, in {share:.0%} of the rows, friction is not what the law says of its velocity: it sticks, or "
             "turns round between two samples. These rows count for less."
+        )
+
+
+def _runs_away(motion: ErrorFigures | None) -> Iterator[str]:
+    """A motion that was not fitted to, and is not foretold."""
+    if motion is not None and motion.relative > UNEXPLAINED:
+        yield (
+            f"The simulated motion differs from the logged one by {motion.relative:.0%} of its spread: where nothing "
+            "holds a position, small errors of a torque add up; a load that hangs needs its gravity, and gravity_zero."
         )
 
 

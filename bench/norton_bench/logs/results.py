@@ -146,16 +146,23 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
     return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
 
 
+def _is_none(estimate: Estimate) -> bool:
+    """Whether a harmonic is known to be next to nothing: there is no ratio to it."""
+    small = estimate.std > UNEXCITED_BEYOND * abs(estimate.value)
+    return estimate.name.startswith(HARMONIC) and estimate.status is Status.VALID and small
+
+
 def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction, ...]:
     """Directions in which what should not vanish is known to no better than half of itself."""
-    known = {each.name for each in estimates if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0}
+    known = {
+        each.name
+        for each in estimates
+        if each.status in (Status.VALID, Status.UNEXCITED) and each.value != 0.0 and not _is_none(each)
+    }
     names = [
         name
-        for name, value, std in zip(fit.names, fit.values, fit.deviations, strict=True)
-        if name in known
-        and not name.startswith((*MAY_VANISH, ELEMENT))
-        and not name.endswith(SHIFT)
-        and not (name.startswith(HARMONIC) and std > UNEXCITED_BEYOND * abs(value))
+        for name in fit.names
+        if name in known and not name.startswith((*MAY_VANISH, ELEMENT)) and not name.endswith(SHIFT)
     ]
     at = [fit.names.index(name) for name in names]
     return loose_directions(names, fit.covariance[np.ix_(at, at)] / np.outer(fit.values[at], fit.values[at]))
@@ -163,7 +170,7 @@ def loose(fit: FrictionFit, estimates: tuple[Estimate, ...]) -> tuple[Direction,
 
 def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[Estimate, ...], str]:
     """No number where only ratios to the torque gain are known, and the sentence that tells the ratios."""
-    fixed = ("rad", "m", "rad/s", "m/s", "1")
+    fixed = ("rad", "m", "rad/s", "m/s", "s", "1")
     known = [estimate for estimate in estimates if estimate.unit not in fixed]
     ratios = ", ".join(
         f"{estimate.name.replace('_', ' ')} / torque gain = {estimate.value:.5g} ± {estimate.half_interval:.2g}"

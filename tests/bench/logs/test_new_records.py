@@ -70,6 +70,8 @@ def test_what_is_only_predicted_changes_nothing(tmp_path: Path, text: str) -> No
         (lambda log: log | {"u": log["u"] + 1.0}, "the zero of a sensor or a constant load differs"),
         (lambda log: log | {"u": 1.5 * log["u"]}, "everything is 1.5 times as large as predicted"),
         (lambda log: log | {"u": log["u"] + np.sin(40 * log["t"])}, "no single cause shows"),
+        (lambda _: replace(OTHER, inertia=0.06).log(), "with inertia 0.06 kg*m^2 in place of 0.05"),
+        (lambda _: replace(OTHER, damping=0.36).log(), "with viscous damping 0.36"),
     ],
 )
 def test_a_test_that_errs_far_more_than_promised_is_an_alarm_with_the_reason(
@@ -80,6 +82,26 @@ def test_a_test_that_errs_far_more_than_promised_is_an_alarm_with_the_reason(
     assert reason in alarm
     assert alarm in fit.verdict
     assert not two_files(tmp_path, TRUE.log(), OTHER.log()).alarms
+
+
+def test_only_what_a_gain_would_scale_is_a_ratio_to_it(tmp_path: Path) -> None:
+    text = FREE.replace('[actuator]\ntorque_gain = "2 N*m/A"\n', "")
+    fit = fit_of(tmp_path, TRUE.log(), text)
+    (said,) = [each for each in fit.verdict if "only up to a common factor" in each]
+    assert "inertia / torque gain = 0.025" in said
+    assert "shift" not in said
+    assert estimate(fit, "command_shift").status is not Status.RATIO_ONLY
+
+
+def test_a_motion_that_is_not_foretold_is_said(tmp_path: Path) -> None:
+    """An axis that nothing holds runs away under a constant that is not there."""
+    log = TRUE.log()
+    assert not any("simulated motion" in said for said in fit_of(tmp_path, log).verdict)
+    other = log | {"u": log["u"] + 0.1 * np.sin(2 * np.pi * 0.02 * log["t"])}
+    fit = fit_of(tmp_path, other)
+    assert fit.train.motion is not None
+    assert fit.train.motion.relative > 0.5
+    assert any("of its spread: where nothing holds a position" in said for said in fit.verdict)
 
 
 def test_an_alarm_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -183,4 +205,9 @@ def test_the_quarters_of_one_record_are_compared(tmp_path: Path) -> None:
     assert any("Quarters of the record agree" in said for said in steady.verdict)
     warming = fit_of(tmp_path, log | {"u": log["u"] - 0.01 * v * (log["t"] - 6)})
     assert any("Quarters of the record differ" in said and "viscous damping" in said for said in warming.verdict)
+    assert not any("drift" in said for said in warming.verdict)
+    drifting = fit_of(tmp_path, log | {"u": log["u"] + 0.02 * log["t"]})
+    assert any('try [model] drift = "30 s"' in said for said in drifting.verdict)
+    mended = fit_of(tmp_path, log | {"u": log["u"] + 0.02 * log["t"]}, FREE + 'drift = "30 s"\n')
+    assert estimate(mended, "inertia").value == pytest.approx(TRUE.inertia, rel=0.01)
     assert estimate(warming, "viscous_damping").std > 5 * estimate(steady, "viscous_damping").std
