@@ -6,7 +6,7 @@ position, noise, a command and a torque that are late by times of their own, and
 Friction is plain, or has stiction that falls with speed, a film that thins, or a share of what the gears transmit.
 
 Printed are, over all machines: the share of 95 % intervals that hold the true value, the rms error in deviations, and
-how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds 251-270] [--json]``; a log takes about
+how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds 271-310] [--json]``; a log takes about
 20 s. Development used seeds from 41 to 60.
 """
 
@@ -157,7 +157,7 @@ def judged(seed: int) -> dict[str, object]:
 def main() -> None:
     """Prints the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="251-270")
+    parser.add_argument("--seeds", default="271-310")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     first, _, last = options.seeds.partition("-")
