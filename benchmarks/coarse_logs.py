@@ -10,20 +10,15 @@ deviations. ``python benchmarks/coarse_logs.py [--seeds 201-260] [--json]``; a l
 seeds from 1 to 144.
 """
 
-import argparse
-import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
+from log_figures import Judged, errors_of, fit_of, report, within
 from numba import njit
 
 from norton_bench.arrays import FloatArray
-from norton_bench.logs.column_map import parse_map
-from norton_bench.logs.fit import Request, fit_logs
-from norton_bench.models.parameters import HALF_INTERVAL, Status
+from norton_bench.models.parameters import Status
 
 MAP = """
 [log]
@@ -104,50 +99,26 @@ class Machine:
         return cls(rate_hz, counts, truth | {"offset": offset, "exertion_shift": -late_s[1]}, columns)
 
 
-def judged(seed: int) -> dict[str, object]:
+def judged(seed: int) -> Judged:
     """One machine: what was chosen, and each valid value's error in deviations."""
     machine = Machine.of(seed)
-    with TemporaryDirectory() as folder:
-        path, table = Path(folder) / "log.csv", np.stack(list(machine.columns.values()), axis=1)
-        np.savetxt(path, table, delimiter=",", header=",".join(machine.columns), comments="", fmt="%.8g")
-        fit = fit_logs(Request((path,), parse_map(MAP, place="benchmarks/coarse_logs.py")))
-    errors = {
-        each.name: (each.value - machine.truth[each.name]) / each.std
-        for each in fit.estimates
-        if each.name in machine.truth and each.status is Status.VALID
-    }
+    fit = fit_of(machine.columns, MAP, digits=8)
+    errors = errors_of(fit, machine.truth, (Status.VALID,))
     return {"seed": seed, "rate_hz": machine.rate_hz, "counts": machine.counts, "model": fit.model, "errors": errors}
 
 
-def main() -> None:
-    """Prints the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="201-260")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    every, errors = [], []
-    for seed in range(int(first), int(last or first) + 1):
-        one = judged(seed)
-        every.append(one)
-        errors += list(one["errors"].items())  # type: ignore[attr-defined]
-        if not options.json:
-            told = ", ".join(f"{name} {error:+.1f}" for name, error in one["errors"].items())  # type: ignore[attr-defined]
-            print(f"{seed} {one['rate_hz']} Hz, {one['counts']} counts: {one['model']}; {told}", flush=True)
-    sizes = np.array([error for _, error in errors])
-    names = dict.fromkeys(name for name, _ in errors)
-    figures = {
-        "logs": len(every),
-        "intervals": sizes.size,
-        "coverage": float(np.mean(np.abs(sizes) < HALF_INTERVAL)),
-        "rms_error_in_deviations": float(np.sqrt(np.mean(sizes**2))),
-        "coverage_of": {
-            name: float(np.mean([abs(error) < HALF_INTERVAL for each, error in errors if each == name]))
-            for name in names
-        },
-    }
-    print(json.dumps({"figures": figures, "logs": every}, indent=2) if options.json else json.dumps(figures, indent=2))
+def coverage_of_each(every: Sequence[Judged]) -> Mapping[str, object]:
+    """The share of intervals that hold the truth, for each value."""
+    names = dict.fromkeys(name for one in every for name in one["errors"])
+    of = {name: [one["errors"][name] for one in every if name in one["errors"]] for name in names}
+    return {"coverage_of": {name: within(errors) for name, errors in of.items()}}
 
 
 if __name__ == "__main__":
-    main()
+    report(
+        __doc__,
+        "201-260",
+        judged,
+        lambda one: f"{one['rate_hz']} Hz, {one['counts']} counts: {one['model']}",
+        coverage_of_each,
+    )

@@ -10,20 +10,15 @@ how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds
 20 s. Development used seeds from 41 to 60.
 """
 
-import argparse
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
+from log_figures import Judged, errors_of, fit_of, report
 from scipy.integrate import solve_ivp
 
 from norton_bench.arrays import FloatArray
-from norton_bench.logs.column_map import parse_map
-from norton_bench.logs.fit import Request, fit_logs
-from norton_bench.models.parameters import HALF_INTERVAL, Status
+from norton_bench.models.parameters import Status
 
 KINDS = ("coulomb-viscous", "stribeck", "film", "load-dependent", "coulomb-viscous-asymmetric")
 MAP = """
@@ -138,45 +133,18 @@ def _warmth_c(time_s: FloatArray) -> FloatArray:
     return 10.0 * (1 - np.exp(-time_s / 12.0))
 
 
-def judged(seed: int) -> dict[str, object]:
+def judged(seed: int) -> Judged:
     """One machine: what was chosen, and each error in deviations."""
     machine = Machine.of(seed)
-    with TemporaryDirectory() as folder:
-        path, log = Path(folder) / "log.csv", machine.log()
-        table = np.stack(list(log.values()), axis=1)
-        np.savetxt(path, table, delimiter=",", header=",".join(log), comments="", fmt="%.10g")
-        fit = fit_logs(Request((path,), parse_map(MAP, place="benchmarks/logs.py")))
-    errors = {
-        each.name: (each.value - machine.truth[each.name]) / each.std
-        for each in fit.estimates
-        if each.name in machine.truth and each.status in (Status.VALID, Status.UNEXCITED)
-    }
+    fit = fit_of(machine.log(), MAP, digits=10)
+    errors = errors_of(fit, machine.truth, (Status.VALID, Status.UNEXCITED))
     return {"seed": seed, "true": machine.kind, "chosen": fit.model, "doubtful": fit.doubtful, "errors": errors}
 
 
-def main() -> None:
-    """Prints the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", default="271-310")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    every = []
-    for seed in range(int(first), int(last or first) + 1):
-        every.append(judged(seed))
-        if not options.json:
-            told = ", ".join(f"{name} {error:+.1f}" for name, error in every[-1]["errors"].items())  # type: ignore[attr-defined]
-            print(f"{seed} {every[-1]['true']}: {every[-1]['chosen']}; {told}", flush=True)
-    errors = np.array([error for one in every for error in one["errors"].values()])  # type: ignore[attr-defined]
-    figures = {
-        "logs": len(every),
-        "intervals": errors.size,
-        "coverage": float(np.mean(np.abs(errors) < HALF_INTERVAL)),
-        "rms_error_in_deviations": float(np.sqrt(np.mean(errors**2))),
-        "right_model": float(np.mean([one["true"] == one["chosen"] for one in every])),
-    }
-    print(json.dumps({"figures": figures, "logs": every}, indent=2) if options.json else json.dumps(figures, indent=2))
+def right_model(every: Sequence[Judged]) -> Mapping[str, object]:
+    """How often the chosen model is the true one."""
+    return {"right_model": float(np.mean([one["true"] == one["chosen"] for one in every]))}
 
 
 if __name__ == "__main__":
-    main()
+    report(__doc__, "271-310", judged, lambda one: f"{one['true']}: {one['chosen']}", right_model)

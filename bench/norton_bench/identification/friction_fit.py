@@ -95,8 +95,10 @@ class FrictionFit:
 
 
 def scaled_rms(scaled: FloatArray, scale: FloatArray) -> float:
-    """Of a residual (n,) that has been multiplied by ``scale`` (n,), in the unit that it had before."""
-    return float(np.sqrt(np.sum(scaled**2) / np.sum(scale**2)))
+    """Of a residual (n,) that has been multiplied by its rows' scale, in the unit that it had before; ``scale`` (m,) is
+    that of the rows whose mean weight stands for it, the same or more: rows near rest, which count for little, do not
+    count for much where there are no others."""
+    return float(np.sqrt(np.mean(scaled**2) / np.mean(scale**2)))
 
 
 def noise_power(equation: Equation, noise: Mapping[str, FloatArray], part: IntArray, squares: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction
+from norton_bench.identification.friction_fit import FrictionFit, Problem, fit_friction, scaled_rms
 from norton_bench.identification.friction_laws import Asymmetric, family_for
 from norton_bench.identification.friction_model import Equation, FrictionModel, Path, blocked_folds
 from norton_bench.identification.regression import Regression
@@ -95,7 +95,6 @@ def _rung(
     best = problem.search(rows, problem.scan(), _of_part(shapes, 0))
     whole = problem.finish(rows, best)
     squares, own = [], [whole.shape]
-    usual = float(np.mean(problem.scale[rows] ** 2))
     for index in range(1, len(folds) + 1):
         train = rows & (part != index)
         reached = problem.search(train, problem.scan(index, best.at), _of_part(shapes, index))
@@ -103,8 +102,7 @@ def _rung(
         if equation.settled is not None:
             held_out &= equation.settled
         residual = problem.target[held_out] - reached.linear @ problem.begun_afresh(reached.at)[:, held_out]
-        # Over the mean weight of all rows: a part near rest, which counts for little, shall not count for much.
-        squares.append(float(np.mean(residual**2)) / usual)
+        squares.append(scaled_rms(residual, problem.scale[rows]) ** 2)
         own.append(np.exp(reached.at))
     shapes[model.name] = own
     rms, std = held_out_rms(squares)

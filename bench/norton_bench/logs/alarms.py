@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from norton_bench.identification.friction_fit import FrictionFit
+from norton_bench.identification.friction_fit import FrictionFit, scaled_rms
 from norton_bench.identification.ladder import Rung
+from norton_bench.identification.statistics import NOTHING
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
 from norton_bench.logs.results import unit_of
@@ -14,8 +15,6 @@ from norton_bench.logs.results import unit_of
 FAR = 2.0
 # Of the squared error: a cause that explains this much is the one.
 EXPLAINS = 0.5
-# A column shorter than this says nothing.
-NOTHING = 1e-200
 # Beyond what was trained on by this factor is elsewhere.
 ELSEWHERE = 1.2
 
@@ -25,15 +24,13 @@ def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
     rows = problem.test
     if not problem.scaled or not rows.any():
         return ()
-    residual = chosen.fit.residual[rows]
-    # As weighted in training: rows near rest count for as little as there.
-    usual = float(np.sqrt(np.mean(chosen.fit.scale[problem.train] ** 2)))
-    test = float(np.sqrt(np.mean((chosen.fit.scale[rows] * residual) ** 2))) / usual
+    fit = chosen.fit
+    test = scaled_rms((fit.scale * fit.residual)[rows], fit.scale[problem.train])
     expected = max(chosen.held_out_rms, chosen.train_rms)
     worst = float(np.sqrt(max(chosen.fold_mean_squares)))
     if not test > max(FAR * expected, worst):
         return ()
-    reasons = list(_reasons(problem, chosen.fit, units)) or [
+    reasons = list(_reasons(problem, fit, units)) or [
         "no single cause shows: the machine or its load was not the same, or the model does not describe it"
     ]
     return (
@@ -66,7 +63,7 @@ def _one_number(problem: Problem, fit: FrictionFit, units: Units, total: float) 
     by_factor = 1 - float(np.mean((target - factor * predicted) ** 2)) / total
     columns = np.concatenate([equation.others, -equation.process(fit.model.columns(equation.path, fit.shape))])[:, rows]
     columns, residual = fit.scale[rows] * columns, (fit.scale * fit.residual)[rows]
-    squares = np.maximum(np.sum(columns**2, axis=1), NOTHING)
+    squares = np.maximum(np.sum(columns**2, axis=1), NOTHING**2)
     changes = columns @ residual / squares
     by_value = changes**2 * squares / (residual @ residual)
     index = int(np.argmax(by_value))

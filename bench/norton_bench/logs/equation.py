@@ -60,7 +60,7 @@ class Terms:
             motion=motion,
             link=link,
             drive=drive,
-            gain=stretch.log.given("actuator", TORQUE_GAIN),
+            gain=stretch.log.given("actuator", "torque_gain"),
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, link or motion, translation=translation),

@@ -37,6 +37,11 @@ class Estimated:
     rungs: tuple[Rung, ...]
     chosen: Rung
 
+    def again(self, problem: Problem, chosen: Rung) -> "Estimated":
+        """With the chosen model fitted anew."""
+        rungs = tuple(chosen if rung.name == chosen.name else rung for rung in self.rungs)
+        return Estimated(problem, rungs, chosen)
+
 
 def remembers(law: FrictionModel) -> bool:
     """Whether its friction depends on the path."""
@@ -112,10 +117,14 @@ def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated
         path = replace(moved.equation.path, shares=problem.equation.path.shares)
         near = NearRest.of(replace(moved, equation=replace(moved.equation, path=path)))
         problem, last_s = late.with_columns(near.weighted(excess), chosen.fit), moved_s
-        fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
-        chosen = replace(chosen, fit=fit, train_rms=fit.rms)
-    rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)
-    return Estimated(problem, rungs, chosen)
+        chosen = _refitted(problem, chosen)
+    return result.again(problem, chosen)
+
+
+def _refitted(problem: Problem, rung: Rung) -> Rung:
+    """To an equation that differs little."""
+    fit = fit_friction(problem.equation, rung.model, problem.train, near=rung.fit.shape)
+    return replace(rung, fit=fit, train_rms=fit.rms)
 
 
 def _unshrunk(result: Estimated) -> Estimated:
@@ -130,10 +139,8 @@ def _unshrunk(result: Estimated) -> Estimated:
         equation = problem.equation
         noise = {**equation.noise, TORQUE_GAIN: _drive_noise(problem, chosen.fit)}
         problem = replace(problem, equation=replace(equation, noise=noise))
-        fit = fit_friction(problem.equation, chosen.model, problem.train, near=chosen.fit.shape)
-        chosen = replace(chosen, fit=fit, train_rms=fit.rms)
-    rungs = tuple(chosen if rung.name == chosen.name else rung for rung in result.rungs)
-    return Estimated(problem, rungs, chosen)
+        chosen = _refitted(problem, chosen)
+    return result.again(problem, chosen)
 
 
 def _drive_noise(problem: Problem, fit: FrictionFit) -> FloatArray:

@@ -174,7 +174,7 @@ def fit_logs(request: Request) -> LogFit:
         return make_problem(column_map, Readings.of(column_map, moved, _splits(moved, train, test)))
 
     doubts = _doubts(column_map, logs, result.problem, result.chosen, again)
-    judged = Judged(column_map, result.problem, tuple(splits), result.rungs, result.chosen, doubts, tuple(remarks))
+    judged = Judged(column_map, result.problem, result.rungs, result.chosen, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 

@@ -58,11 +58,11 @@ def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionMod
 
 
 def motion_errors(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, splits: Sequence[tuple[BoolArray, BoolArray]]
+    column_map: ColumnMap, problem: Problem, fit: FrictionFit
 ) -> tuple[ErrorFigures | None, ErrorFigures | None]:
     """Of the position in training and in test; None where nothing can be simulated.
 
-    ``splits`` are the instants of each stretch that belong to either. Every uninterrupted part starts as it was logged.
+    Every uninterrupted part starts as it was logged.
     """
     if not can_be_simulated(column_map, problem, fit.model) or not fit.value("inertia") > 0:
         return None, None
@@ -70,7 +70,7 @@ def motion_errors(
     for side in (0, 1):
         pieces = [
             piece
-            for index, (stretch, split) in enumerate(zip(problem.stretches, splits, strict=True))
+            for index, (stretch, split) in enumerate(zip(problem.stretches, problem.readings.splits, strict=True))
             for piece in _parts(column_map, problem, fit, index, stretch, split[side])
         ]
         sides.append(_figures(pieces, column_map.units.motion))
@@ -165,13 +165,12 @@ def _offset(problem: Problem, fit: FrictionFit, index: int) -> FloatArray:
 class Judged:
     """A fit of the equation of motion, and what was found wrong with its log.
 
-    ``splits`` are the instants of each stretch to train and to test on; ``doubts`` make every estimate doubtful,
+    ``doubts`` make every estimate doubtful,
     ``remarks`` tell what was left out.
     """
 
     column_map: ColumnMap
     problem: Problem
-    splits: tuple[tuple[BoolArray, BoolArray], ...]
     rungs: tuple[Rung, ...]
     chosen: Rung
     doubts: tuple[str, ...]
@@ -206,7 +205,7 @@ def outcome(judged: Judged) -> LogFit:
         *message,
     ]
     sentences = [*judged.doubts, *said, *map(words, together), *_uncertain([*untold, *spring])]
-    train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit, judged.splits))
+    train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit))
     return LogFit(
         model=judged.chosen.name,
         estimates=(*estimates, *spring),
@@ -229,7 +228,7 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     from norton_bench.logs.refine import refine  # noqa: PLC0415  (compiled: slow to import)
 
     column_map, problem, fit = judged.column_map, judged.problem, judged.chosen.fit
-    result = refine(column_map, problem, fit, judged.splits, asked, doubtful=bool(judged.doubts))
+    result = refine(column_map, problem, fit, asked, doubtful=bool(judged.doubts))
     doubts = (*judged.doubts, *astray(result.train))
     estimates = as_doubtful(result.estimates) if doubts else result.estimates
     train, test = map(Errors, judged.exertion_errors, (result.train, result.test))

@@ -5,7 +5,7 @@ what is slower than the frequency at which the motion sinks into its noise, and 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,7 @@ class Readings:
     stretches: tuple[Stretch, ...]
     splits: tuple[tuple[BoolArray, BoolArray], ...]
     filters: Filters
+    _noise: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, column_map: ColumnMap, parts: Sequence[Stretch], splits: Splits) -> "Readings":
@@ -50,11 +51,10 @@ class Readings:
         readings = cls(tuple(parts), tuple(splits), filters)
         if wanted.rate_hz is not None:
             return readings
-        fastest_hz = readings.fastest_hz() if column_map.model.inertia else float("inf")
+        fastest_hz = readings.fastest_hz if column_map.model.inertia else float("inf")
         if "command" in parts[0].columns:
             fastest_hz = min(fastest_hz, HELD / parts[0].dt_s)
-        seen = Filters.of(parts[0].dt_s, wanted.cutoff_hz, None, fastest_hz)
-        return cls(readings.stretches, readings.splits, seen)
+        return replace(readings, filters=Filters.of(parts[0].dt_s, wanted.cutoff_hz, None, fastest_hz), _noise={})
 
     @property
     def motion_name(self) -> str:
@@ -67,13 +67,19 @@ class Readings:
         return [train for train, _ in self.splits]
 
     def white_noise(self, name: str) -> float:
-        """The rms deviation of white noise in a column, where it is sound and trained on."""
+        """The rms deviation of white noise in a column, where it is sound and trained on; each is found once."""
+        if name not in self._noise:
+            self._noise[name] = self._white_noise(name)
+        return self._noise[name]
+
+    def _white_noise(self, name: str) -> float:
         pairs = [
             (part.columns[name], part.sound & train) for part, train in zip(self.stretches, self.trained, strict=True)
         ]
         noise = [self.filters.noise(logged, chosen) ** 2 for logged, chosen in pairs if chosen.any()]
         return float(np.sqrt(np.mean(noise)))
 
+    @cached_property
     def fastest_hz(self) -> float:
         """Up to which frequency the acceleration trained on is ``CLEARLY`` more than its noise, or all noise so far
         next to nothing beside all motion so far. Infinite where nothing is long enough to tell."""
@@ -109,7 +115,7 @@ class Readings:
         count = min(resolution(part.log.columns[name]), np.sqrt(12) * white)
         beyond = np.sqrt(max(white**2 - count**2 / 12, 0.0))
         # What the low-pass of the rows leaves of the counts would be counted to the same again.
-        slower_hz = min(self.fastest_hz(), self.filters.cutoff_hz)
+        slower_hz = min(self.fastest_hz, self.filters.cutoff_hz)
         motion = replace(self.filters, cutoff_hz=slower_hz).smooth(part.columns[name])
         draws = []
         for shift in count * np.arange(DRAWS) / DRAWS:

@@ -233,8 +233,6 @@ def _widened(fit: ServoFit, others: Sequence[ServoFit]) -> dict[str, float]:
     return wide
 
 
-Splits = Sequence[tuple[BoolArray, BoolArray]]
-
 # Of its usual size: a parameter known to be smaller is known to be next to nothing.
 SMALL = 0.1
 
@@ -252,9 +250,7 @@ class Refined:
     verdict: tuple[str, ...]
 
 
-def refine(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, splits: Splits, asked: str | None, *, doubtful: bool
-) -> Refined:
+def refine(column_map: ColumnMap, problem: Problem, fit: FrictionFit, asked: str | None, *, doubtful: bool) -> Refined:
     """``fit`` is of the equation of motion; ``asked`` names one model, None the best of those of the map.
 
     Raises UsageError for a model that there is not, ExperimentError where the fit gives nothing to begin with.
@@ -262,7 +258,7 @@ def refine(
     models = _models(column_map, asked)
     begin = beginning(column_map, problem, fit)
     logs = tuple(ServoLog.of(stretch, translation=column_map.translation) for stretch in problem.stretches)
-    train, test = (FittedLogs(logs, tuple(split[side] for split in splits)) for side in (0, 1))
+    train, test = (FittedLogs(logs, tuple(split[side] for split in problem.readings.splits)) for side in (0, 1))
     rungs = servo_ladder(train, begin, models)
     chosen = next(rung for rung in rungs if (rung.selected if asked is None else rung.fit.model.name == asked))
     units = column_map.units

@@ -15,7 +15,7 @@ from norton_bench.identification.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.equation import Problem
+from norton_bench.logs.equation import TORQUE_GAIN, Problem
 from norton_bench.logs.grid import Filters, Stretch, slope
 from norton_bench.logs.log import Log
 from norton_bench.logs.results import ErrorFigures
@@ -78,7 +78,7 @@ class Basic:
         parts = np.sqrt(np.mean((linear[:, None] * columns) ** 2, axis=1))
         scale = max(
             variation(problem),
-            float(parts[list(equation.names).index("torque_gain")]) if "torque_gain" in equation.names else 0.0,
+            float(parts[list(equation.names).index(TORQUE_GAIN)]) if TORQUE_GAIN in equation.names else 0.0,
         )
         ratio = dict(zip(equation.names, linear / deviation, strict=False))
         # Beside a known load the actuator's own share may be too small to have a sign: the gain's tells.
@@ -87,7 +87,7 @@ class Basic:
             unexplained=_rms(residual) / scale if scale > 0 else float("inf"),
             inertia=ratio.get("inertia") if own else None,
             braking=float(weights @ linear[-2:]) / spread if own else None,
-            gain=ratio.get("torque_gain"),
+            gain=ratio.get(TORQUE_GAIN),
         )
 
 

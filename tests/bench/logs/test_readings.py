@@ -51,7 +51,7 @@ def test_rows_end_where_the_motion_sinks_into_its_noise(tmp_path: Path, noise_ra
     hertz = np.linspace(0.1, 100, 10_000)
     plateau = 0.3 / np.sqrt(np.sum(1 / (1 + np.fft.rfftfreq(motion.size, 1 / RATE_HZ) ** 4) ** 2) * 2 / motion.size)
     twice = hertz[np.argmax(plateau / (1 + hertz**4) < 2 * noise_rad)]
-    assert readings.fastest_hz() == pytest.approx(twice, rel=0.15)
+    assert readings.fastest_hz == pytest.approx(twice, rel=0.15)
     assert 1 / (readings.filters.dt_s * readings.filters.factor) == pytest.approx(2.5 * twice, rel=0.2)
 
 
