@@ -88,11 +88,6 @@ class FrictionFit:
         scale = self.scale[self.rows]
         return scaled_rms(scale * self.residual[self.rows], scale)
 
-    @property
-    def noise_variance(self) -> FloatArray:
-        """Of every row's error, shape (n,)."""
-        return np.asarray(np.mean((self.scale * self.residual)[self.rows] ** 2) / self.scale**2)
-
 
 def scaled_rms(scaled: FloatArray, scale: FloatArray) -> float:
     """Of a residual (n,) that has been multiplied by its rows' scale, in the unit that it had before; ``scale`` (m,) is

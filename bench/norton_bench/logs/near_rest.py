@@ -6,13 +6,17 @@ the rows' filter as everything does: a row's variance is that of the others time
 power that lies near rest. λ is the likeliest for what is left of the equation (groupwise heteroscedasticity; Greene,
 Econometric Analysis, section 9.7). Where a contact that deflects describes these rows as well as the others, λ is next
 to nothing, and they count like any other.
+
+Where λ is more than that, no law is seen near rest, and what is left there is no noise: friction that holds is less
+than friction that slides, at every stop, and errors of one sign do not average out. Then these rows count so much less
+that, were all of their errors of one sign, a mean over all rows would move by half of its deviation at most.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage, optimize, signal
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit, fit_friction
@@ -28,8 +32,10 @@ ROUNDED_PERIODS = 1.0
 # Between which λ is looked for, and at how many places: from rows like all others to rows that are as good as left out.
 LEAST, MOST = 1e-3, 1e6
 TRIALS = 21
-# Where near rest the variance is more than twice the others', no contact is seen there.
+# Where near rest the variance is more than twice the others', no law is seen there.
 HIDDEN = 1.0
+# How far errors of one sign near rest may move a mean, in its deviations: with it, the error is 1.1 deviations rms.
+MOVED = 0.5
 # A film, or stiction, has come within 5 % of its end at three times its velocity (exp −3), a contact shows while it
 # deflects: neither is seen if no more samples than these are as slow, or as near to the last turn.
 DIES_AFTER = 3.0
@@ -73,13 +79,14 @@ class NearRest:
         No law can change at speeds that are seldom seen elsewhere. Nor over ways, unless a contact is seen there: where
         the excess is small.
         """
-        equation = self.problem.equation
-        shortest = self.shortest if excess > HIDDEN else 0.0
+        equation, hidden = self.problem.equation, excess > HIDDEN
+        shortest = self.shortest if hidden else 0.0
+        weight = one_sided(excess, self.share[self.problem.train]) if hidden else excess
         path = replace(equation.path, slowest=self.slowest, shortest=shortest)
         afresh = equation.afresh
         if afresh is not None:
             afresh = replace(afresh, slowest=self.slowest, shortest=shortest)
-        variance = 1.0 + excess * self.share
+        variance = 1.0 + weight * self.share
         return replace(self.problem, equation=replace(equation, path=path, afresh=afresh, variance=variance))
 
     def fit(self, model: FrictionModel) -> WeightedFit:
@@ -104,12 +111,34 @@ class NearRest:
         train = self.problem.train
         return likeliest_excess(fit.residual[train], self.share[train])
 
+    def noise_variance(self, fit: FrictionFit) -> FloatArray:
+        """Of every row's error, shape (n,); near rest it is as great as it was found to be."""
+        factor, train = 1.0 + self.excess(fit) * self.share, self.problem.train
+        return np.asarray(np.mean(fit.residual[train] ** 2 / factor[train]) * factor)
+
 
 def likeliest_excess(residual: FloatArray, share: FloatArray) -> float:
     """The λ of a residual (n,) with the least doubt."""
     if not np.any(share > 0):
         return 0.0
     return least(lambda excess: doubt(residual, share, excess), LEAST, MOST, TRIALS)
+
+
+def one_sided(excess: float, share: FloatArray) -> float:
+    """The least weight in place of λ with which errors of one sign near rest move no mean by more than ``MOVED``.
+
+    A row of variance 1 + λ g then has the part √(λ g) / (1 + w g) in the sum over all n rows, whose deviation is √n.
+    With w = n λ no part is more than 1/(2 √n).
+    """
+    near = share[share > 0]
+    error = np.sqrt(excess * near)
+
+    def beyond(weight: float) -> float:
+        return float(np.sum(error / (1 + weight * near))) - MOVED * np.sqrt(share.size)
+
+    if beyond(excess) <= 0:
+        return excess
+    return float(optimize.brentq(beyond, excess, share.size * excess, rtol=1e-3))
 
 
 def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:

@@ -10,6 +10,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.logs.equation import Problem
+from norton_bench.logs.near_rest import NearRest
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ def predictions(problem: Problem, fit: FrictionFit, unit: str) -> Predictions:
     time_s = np.concatenate([stretch.time_s for stretch in problem.stretches])[problem.pick]
     part = np.where(problem.train, "train", np.where(problem.test, "test", "neither"))
     slopes = _slopes(problem, fit)
-    variance = fit.noise_variance + np.einsum("kn,kl,ln->n", slopes, fit.covariance, slopes)
+    variance = NearRest.of(problem).noise_variance(fit) + np.einsum("kn,kl,ln->n", slopes, fit.covariance, slopes)
     variance = variance + _wandering(fit) * _untrained_s(problem, places, time_s)
     return Predictions(
         places.tolist(),

@@ -8,7 +8,7 @@ import pytest
 from norton_bench.logs.equation import make_problem
 from norton_bench.logs.grid import stretches
 from norton_bench.logs.log import read_log
-from norton_bench.logs.near_rest import NearRest, likeliest_excess
+from norton_bench.logs.near_rest import NearRest, likeliest_excess, one_sided
 from norton_bench.logs.readings import Readings
 from tests.bench.logs.machines import FREE, Columns, Machine, column_map, estimate, fit_of, write_csv
 
@@ -116,3 +116,21 @@ def test_the_excess_is_found_to_within_its_scatter(excess: float) -> None:
 
 def test_without_rows_near_rest_there_is_no_excess() -> None:
     assert likeliest_excess(np.random.default_rng(0).standard_normal(100), np.zeros(100)) == 0.0
+
+
+@pytest.mark.parametrize(("excess", "rows"), [(5.0, 500), (30.0, 3000), (1e5, 20000)])
+def test_errors_of_one_sign_near_rest_move_no_mean_by_much(excess: float, rows: int) -> None:
+    rng = np.random.default_rng(rows)
+    share = np.where(rng.random(rows) < 0.4, rng.random(rows) ** 4, 0.0)
+    weight = one_sided(excess, share)
+    assert excess <= weight <= rows * excess
+    scale, error = 1 / (1 + weight * share), np.sqrt(excess * share)
+    shift, deviation = np.sum(scale * error) / np.sum(scale), 1 / np.sqrt(np.sum(scale))
+    assert shift < 0.8 * deviation  # of all rows' mean 0.5, and 0.65 where 0.6 of them are left
+    assert np.sum(error / (1 + 0.8 * weight * share)) > 0.5 * np.sqrt(rows)  # no more than it takes
+
+
+def test_few_rows_near_rest_have_the_weight_of_their_variance() -> None:
+    share = np.zeros(10_000)
+    share[:3] = 1.0
+    assert one_sided(4.0, share) == 4.0
