@@ -134,7 +134,7 @@ def one_sided(excess: float, share: FloatArray) -> float:
     error = np.sqrt(excess * near)
 
     def beyond(weight: float) -> float:
-        return float(np.sum(error / (1 + weight * near))) - MOVED * np.sqrt(share.size)
+        return float(np.sum(error / (1 + weight * near)) - MOVED * np.sqrt(share.size))
 
     if beyond(excess) <= 0:
         return excess
