@@ -164,12 +164,14 @@ def likely_presliding_damping_nms_rad(machine: FitResult) -> float:
     """The mean of what it may be: normally distributed about the estimate, and not negative.
 
     Where encoders do not resolve the contact, the estimate itself may be zero. Such a contact would ring for ever, and
-    no feedback is stable on it; it is not what the calibration says.
+    no feedback is stable on it; it is not what the calibration says. An estimate below zero is wrong by as much as that
+    at least, whatever its deviation: a delay that is off by τ turns a stiffness σ0 into a damping of −σ0 τ.
     """
     estimate = machine.estimate("presliding_damping")
     if not 0.0 < estimate.std < inf:
         return max(estimate.value, 0.0)
-    return estimate.value + estimate.std * normal_hazard(-estimate.value / estimate.std)
+    std = max(estimate.std, -estimate.value)
+    return estimate.value + std * normal_hazard(-estimate.value / std)
 
 
 def known_well_enough(machine: FitResult) -> bool:
@@ -207,7 +209,7 @@ def first_friction(actuator: FitResult | None) -> ActuatorFriction | None:
         network.viscous_damping_nms_rad,
         network.coulomb_torque_nm,
         network.presliding_stiffness_nm_rad,
-        network.presliding_damping_nms_rad,
+        likely_presliding_damping_nms_rad(actuator),
     )
 
 

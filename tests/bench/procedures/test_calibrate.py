@@ -26,10 +26,16 @@ class Machine:
         return Estimate(name, self.value, self.std, "N*m*s/rad", Status.VALID)
 
 
-@pytest.mark.parametrize(("value", "std"), [(0.01, 1e-4), (0.0, 0.006), (-0.004, 0.006), (0.003, 0.006), (-0.2, 0.01)])
+@pytest.mark.parametrize(("value", "std"), [(0.01, 1e-4), (0.0, 0.006), (-0.004, 0.006), (0.003, 0.006)])
 def test_a_damping_is_the_mean_of_what_it_may_be(value: float, std: float) -> None:
     expected = truncnorm.mean(-value / std, np.inf, loc=value, scale=std)
     assert likely_presliding_damping_nms_rad(Machine(value, std)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_negative_damping_is_wrong_by_as_much_as_that() -> None:
+    """−3.2 ± 1.3 mN·m·s/rad was found on a bench with 4.6: the two encoders were not read at the same time."""
+    expected = truncnorm.mean(1.0, np.inf, loc=-3.2e-3, scale=3.2e-3)
+    assert likely_presliding_damping_nms_rad(Machine(-3.2e-3, 1.3e-3)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("std", [0.0, inf])
