@@ -7,8 +7,7 @@ Friction is plain, or has stiction that falls with speed, a film that thins, or 
 
 Printed are, over all machines: the share of 95 % intervals that hold the true value, the rms error in deviations, and
 how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds 311-350] [--json]``; a log takes about
-20 s. Development used seeds 41 to 60 and
-271 to 310.
+20 s. Development used seeds 41 to 60 and 271 to 310.
 """
 
 from collections.abc import Callable, Mapping, Sequence
