@@ -68,7 +68,7 @@ class Blocks:
         """How far one unknown goes along ``course`` (blocks,), the others being the same throughout; its deviation.
 
         That is one more column: the unknown's own, times its course, less what all the columns explain of it. Where few
-        blocks tell it, before ``split`` or after, their scatter is no deviation, and nothing is said.
+        blocks tell it, before ``split`` or after, or noise alone, their scatter is no deviation, and nothing is said.
         """
         gram = self.gram.sum(axis=0)
         moved = np.einsum("b,bi->i", course, self.gram[:, :, column])
@@ -77,10 +77,11 @@ class Blocks:
         weights[:, column] += course
         size = np.einsum("bi,bij,bj->b", weights, self.gram, weights)
         score = np.sum(weights * self.score, axis=1)
-        if min(_as_many(size[:split]), _as_many(size[split:])) < TELLING_BLOCKS:
+        told = float(size.sum())
+        if told <= 0.0 or min(_as_many(size[:split]), _as_many(size[split:])) < TELLING_BLOCKS:
             return 0.0, float("inf")
-        step = float(score.sum() / max(size.sum(), 1e-300))
-        deviation = float(np.sqrt(np.sum((score - step * size) ** 2)) / max(size.sum(), 1e-300))
+        step = float(score.sum()) / told
+        deviation = float(np.sqrt(np.sum((score - step * size) ** 2))) / told
         return step / self.scale[column], deviation / self.scale[column]
 
 
