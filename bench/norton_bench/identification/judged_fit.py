@@ -66,8 +66,9 @@ def _bounded(estimate: Estimate) -> Estimate:
 
 
 MOST_TERMS = 3
-# Behind a stiff spring a motor leaves what one behind play does: of the two, the first can be fitted.
-INSTEAD = {"backlash": "compliance"}
+# What is tried for a cause that no fit has values for. Behind a stiff spring a motor leaves what one behind play does; and
+# it swings where it is pushed fast, which may look like another motor from there on.
+INSTEAD = {"backlash": "compliance", "change": "compliance"}
 # The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
 START_SHARE = 0.05
 NOTHING_TO_VALIDATE_ON = "validation: too little was read without gaps to predict anything; repeat it."

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification import joint_fit
-from norton_bench.identification.departures import BACKLASH, COMPLIANCE, STRIBECK, Departure
+from norton_bench.identification.departures import BACKLASH, CHANGE, COMPLIANCE, STRIBECK, Departure
 from norton_bench.identification.joint_fit import box
 from norton_bench.identification.judged_fit import JudgedFit, asked_for, objection
 from norton_bench.identification.model_error import expanded, model_error
@@ -112,16 +112,17 @@ def test_only_a_joint_may_be_why_a_rigid_motor_looks_as_if_it_changed(result, er
     assert asked(wrong, error, COMPLIANCE) is None
 
 
-def test_of_play_a_spring_is_tried_which_must_leave_nothing_but_noise(result, error):
+@pytest.mark.parametrize("kind", [BACKLASH, CHANGE])
+def test_of_play_or_a_change_a_spring_is_tried_which_must_leave_nothing_but_noise(result, error, kind):
     """Behind play the torque of a spring is still off; beside a spring nothing is tried for play."""
-    term = asked(result, error, BACKLASH)
+    term = asked(result, error, kind)
     assert term.name == "compliance"
     joint = NetworkTerm("compliance", (10.0, 4e-3, 1e-5))
     sprung = replace(result, network=replace(result.network, terms=(joint,)))
-    assert asked(sprung, error, BACKLASH) is None
+    assert asked(sprung, error, kind) is None
     known = [replace(result.estimates[0], name=each) for each in joint.named()]
     better = replace(sprung, torque_rms_nm=0.5 * result.torque_rms_nm, estimates=(*result.estimates, *known))
-    before = JudgedFit(result, result, (), (), None, replace(error, departures=(departed(BACKLASH),)))
+    before = JudgedFit(result, result, (), (), None, replace(error, departures=(departed(kind),)))
     clean_error = replace(error, departures=(), unexplained=False)
     for left, kept in ((clean_error, True), (replace(clean_error, unexplained=True), False), (before.error, False)):
         assert (objection(JudgedFit(better, better, (), (), None, left), before, term) == "") is kept

@@ -116,10 +116,10 @@ def test_a_departure_asks_for_its_term_and_gets_it():
     assert told.error.departures == ()
 
 
-def test_a_term_whose_values_stay_unknown_is_left_out_and_says_what_it_needs(error_of_change):
+def test_a_term_whose_values_stay_unknown_is_left_out_and_says_what_it_needs(error_of_position):
     plain, known, stretches = fitted("stribeck")
-    stribeck = replace(error_of_change.departures[0], kind=STRIBECK)
-    before = JudgedFit(plain, plain, stretches, (), None, replace(error_of_change, departures=(stribeck,)))
+    stribeck = replace(error_of_position.departures[0], kind=STRIBECK)
+    before = JudgedFit(plain, plain, stretches, (), None, replace(error_of_position, departures=(stribeck,)))
     after = replace(before, fitted=known)
     (asked,) = known.network.relative_terms
     assert objection(after, before, asked) == ""
@@ -134,21 +134,21 @@ def test_a_term_whose_values_stay_unknown_is_left_out_and_says_what_it_needs(err
     assert objection(not_less, before, asked) == "it leaves no less of the torque"
     lost = replace(after, fitted=replace(known, converged=False))
     assert objection(lost, before, asked) == "the fit with it does not converge"
-    instead = replace(before, error=error_of_change)
+    instead = replace(before, error=error_of_position)
     assert objection(after, instead, asked) == "more than noise is left with it"
 
 
-def test_what_the_table_does_not_have_is_not_asked_for(result, error_of_change):
-    assert asked_for(error_of_change, result) is None
+def test_what_the_table_does_not_have_is_not_asked_for(result, error_of_position):
+    assert asked_for(error_of_position, result) is None
 
 
 @pytest.fixture
-def error_of_change(result, experiment):
-    """A model error whose first departure is a change at an instant, for which there is no term."""
-    from norton_bench.identification.departures import CHANGE, Departure
+def error_of_position(result, experiment):
+    """A model error whose first departure is a torque that depends on the position, for which there is no term."""
+    from norton_bench.identification.departures import POSITION, Departure
     from norton_bench.identification.model_error import expanded, model_error
 
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
     error = model_error(result, expanded(result, stretches, ()), (), experiment)
-    change = Departure(CHANGE, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
-    return replace(error, departures=(change,))
+    weight = Departure(POSITION, 5e-4, 0.5, 6e-4, 1e-9, np.zeros(7))
+    return replace(error, departures=(weight,))
