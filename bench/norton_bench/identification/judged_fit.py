@@ -66,8 +66,8 @@ def _bounded(estimate: Estimate) -> Estimate:
 
 
 MOST_TERMS = 3
-# What is tried for a cause that no fit has values for. Behind a stiff spring a motor leaves what one behind play does; and
-# it swings where it is pushed fast, which may look like another motor from there on.
+# What is tried for a cause that no fit has values for. Behind a stiff spring a motor leaves what one behind play does;
+# and it swings where it is pushed fast, which may look like another motor from there on.
 INSTEAD = {"backlash": "compliance", "change": "compliance"}
 # The search begins at nothing, but beside a Stribeck velocity: where no friction fades, it has no slope.
 START_SHARE = 0.05
