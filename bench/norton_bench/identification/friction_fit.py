@@ -13,7 +13,7 @@ from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction_laws import CONTAINS
 from norton_bench.identification.friction_laws import model as member
-from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel, Path
+from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel, Path, remembers
 from norton_bench.identification.friction_operators import bounded_solution
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
@@ -189,8 +189,7 @@ class Problem:
     def begun_afresh(self, at: FloatArray) -> FloatArray:
         """As ``columns``, where every part that is held out begins as a new record does."""
         afresh = self.equation.afresh
-        remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in self.model.unknowns)
-        return self.columns(at) if afresh is None or not remembers else self._columns(at, afresh)
+        return self.columns(at) if afresh is None or not remembers(self.model) else self._columns(at, afresh)
 
     def _columns(self, at: FloatArray, path: Path | None = None) -> FloatArray:
         friction = self.equation.process(self.model.columns(path or self.equation.path, np.exp(at)))

@@ -216,6 +216,11 @@ class FrictionModel(Protocol):
         ...
 
 
+def remembers(model: FrictionModel) -> bool:
+    """Whether its friction depends on the path."""
+    return any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
+
+
 PRESLIDING = Unknown("presliding_displacement", Dimension.DISPLACEMENT, SHORTEST_TRAVEL, 1.0)
 STRIBECK = Unknown("stribeck_velocity", Dimension.VELOCITY, 1e-3, 3.0)
 COULOMB = Term("coulomb_torque", Dimension.FRICTION)

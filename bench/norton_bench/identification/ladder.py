@@ -21,6 +21,10 @@ from norton_bench.identification.statistics import held_out_rms, simplest_as_goo
 __all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
 
 
+# A law at its edge is held by another one that leaves less than twice its squared error on held-out parts.
+HELD = np.sqrt(2.0)
+
+
 @dataclass(frozen=True)
 class Rung:
     """One model and how well it predicts.
@@ -72,10 +76,22 @@ def ladder(equation: Equation, models: Sequence[FrictionModel], rows: BoolArray 
         raise ExperimentError("models are compared on data held out: the record needs at least two parts")
     shapes: dict[str, list[FloatArray]] = {}
     rungs = [_rung(equation, model, rows, folds, shapes) for model in models]
-    # What ends at the edge of what is searched is another law, which the others may hold, or none.
-    inside = [rung for rung in rungs if not rung.at_edge] or rungs
-    chosen = inside[simplest_as_good([rung.fold_mean_squares for rung in inside], [rung.unknowns for rung in inside])]
+    chosen = chosen_of(rungs)
     return tuple(replace(rung, selected=rung is chosen) for rung in rungs)
+
+
+def chosen_of(rungs: Sequence[Rung]) -> Rung:
+    """The simplest that is as good as the best. What ends at the edge of what is searched is another law, which the
+    others may hold, or none of them does."""
+    inside = [rung for rung in rungs if not rung.at_edge]
+    best = _simplest(rungs)
+    if inside and _simplest(inside).held_out_rms < HELD * best.held_out_rms:
+        return _simplest(inside)
+    return best
+
+
+def _simplest(rungs: Sequence[Rung]) -> Rung:
+    return rungs[simplest_as_good([rung.fold_mean_squares for rung in rungs], [rung.unknowns for rung in rungs])]
 
 
 def selected(rungs: Sequence[Rung]) -> Rung:

@@ -1,41 +1,58 @@
 """A test that the fit does not hold on: said, with the likely reason."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit, scaled_rms
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.statistics import NOTHING
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
-from norton_bench.logs.results import unit_of
+from norton_bench.logs.results import ErrorFigures, Step, unit_of
 
 # Of the error on held-out parts: a test beyond is not what the training data promise.
 FAR = 2.0
 # Of the squared error: a cause that explains this much is the one.
 EXPLAINS = 0.5
+UNKNOWN = "no single cause shows: the machine or its load was not the same, or the model does not describe it"
 # Beyond what was trained on by this factor is elsewhere.
 ELSEWHERE = 1.2
 
 
-def alarms(problem: Problem, chosen: Rung, units: Units) -> tuple[str, ...]:
-    """Empty where the test errs about as much as the parts that were held out, or there is none."""
+def alarms(problem: Problem, chosen: Rung, units: Units, deviation: FloatArray) -> tuple[str, ...]:
+    """Empty where the test errs about as much as the parts that were held out, or as ``deviation`` (n,), that of the
+    predictions, says; or there is none."""
     rows = problem.test
-    if not problem.scaled or not rows.any():
+    if not rows.any():
         return ()
     fit = chosen.fit
-    test = scaled_rms((fit.scale * fit.residual)[rows], fit.scale[problem.train])
-    expected = max(chosen.held_out_rms, chosen.train_rms)
+    test, foretold = (
+        scaled_rms((fit.scale * errors)[rows], fit.scale[problem.train]) for errors in (fit.residual, deviation)
+    )
+    expected = max(chosen.held_out_rms, chosen.train_rms, foretold)
     worst = float(np.sqrt(max(chosen.fold_mean_squares)))
     if not test > max(FAR * expected, worst):
         return ()
-    reasons = list(_reasons(problem, fit, units)) or [
-        "no single cause shows: the machine or its load was not the same, or the model does not describe it"
-    ]
+    reasons = list(_reasons(problem, fit, units)) or [UNKNOWN]
+    return (_told(test, expected, units.exertion if problem.scaled else units.drive, reasons),)
+
+
+def alarms_of_motion(test: ErrorFigures | None, ladder: Sequence[Step]) -> tuple[str, ...]:
+    """The same of a fit that was refined on the motion itself."""
+    chosen = next(step for step in ladder if step.selected)
+    expected = max(chosen.held_out_relative, chosen.train_relative) + chosen.held_out_std
+    if test is None or not test.relative > FAR * expected:
+        return ()
+    spread = test.rms / test.relative
+    return (_told(test.rms, expected * spread, test.unit, [UNKNOWN, "a zero, a unit or a gain may differ"]),)
+
+
+def _told(test: float, expected: float, unit: str, reasons: Sequence[str]) -> str:
     return (
-        f"The test's error, {test:.3g} {units.exertion}, is {test / expected:.3g} times that on held-out parts of the "
-        f"training: {'; '.join(reasons)}.",
+        f"The test's error, {test:.3g} {unit}, is {test / expected:.3g} times that on held-out parts of the training: "
+        f"{'; '.join(reasons)}."
     )
 
 
@@ -44,13 +61,26 @@ def _reasons(problem: Problem, fit: FrictionFit, units: Units) -> Iterator[str]:
     residual = fit.residual[rows]
     total, mean = float(np.mean(residual**2)), float(np.mean(residual))
     if mean**2 > EXPLAINS * total:
+        unit = units.exertion if problem.scaled else units.drive
         yield (
-            f"most of it is a constant of {problem.side * mean:.3g} {units.exertion}, so the zero of a sensor or a "
-            "constant load differs from the training's"
+            f"most of it is a constant of {problem.side * mean:.3g} {unit}, so the zero of a sensor or a constant load "
+            "differs from the training's"
         )
+    elif _by_angle(problem, fit, rows) > EXPLAINS:
+        yield "most of it goes with the angle, as a weight does: something hangs on the shaft that did not before"
     else:
         yield from _one_number(problem, fit, units, total)
     yield from _elsewhere(problem, units)
+
+
+def _by_angle(problem: Problem, fit: FrictionFit, rows: BoolArray) -> float:
+    """The share of what is left in ``rows`` (n,) that sine and cosine of the position explain, beside a constant."""
+    equation = problem.equation
+    angle = equation.path.position
+    waves = equation.process(np.stack([np.sin(angle), np.cos(angle), np.ones(angle.size)]))[:, rows]
+    columns, left = (fit.scale[rows] * waves).T, (fit.scale * fit.residual)[rows]
+    beside = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+    return 1 - float(beside @ beside) / max(float(left @ left), NOTHING**2)
 
 
 def _one_number(problem: Problem, fit: FrictionFit, units: Units, total: float) -> Iterator[str]:

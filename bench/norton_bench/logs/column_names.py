@@ -23,6 +23,8 @@ ENDINGS: Mapping[str, str] = {
     "deg": "deg", "rev": "rev", "mnm": "mN*m", "mm": "mm", "um": "um", "nm": "N*m", "ms": "ms", "us": "us", "ns": "ns",
     "ma": "mA", "s": "s", "m": "m", "n": "N", "a": "A", "v": "V", "c": "degC",
 }  # fmt: skip
+# What feeds the drive is none of its commands.
+SUPPLY = re.compile(r"battery|supply|(^|[_/.])(v?bus|vin)([_/.]|$)")
 # Names that say nothing beside those that they are in: "/current/data", "/wrench/torque/z".
 EMPTY = ("data", "value", "x", "y", "z", "w")
 
@@ -33,13 +35,15 @@ def kind_of_column(name: str) -> str | None:
     told = (parent if last.lower() in EMPTY and parent else last).lower()
     ending = next((f"_{each}" for each in ENDINGS if told.endswith(f"_{each}")), "")
     names = (told, told.removesuffix(ending))
+    if SUPPLY.search(name.lower()):
+        return None
     return next((what for what, pattern in NAMES.items() if any(re.search(pattern, name) for name in names)), None)
 
 
 def unit_in_name(bare: str, behind: str) -> str:
     """The unit behind a name, or at its end; empty where neither is one."""
     try:
-        return plain_unit(behind)
+        return "" if behind.isdigit() else plain_unit(behind)  # of "position[1]" it is the joint
     except ValueError:
         ending = next((each for each in ENDINGS if bare.lower().endswith(f"_{each}")), None)
         return ENDINGS[ending] if ending else ""

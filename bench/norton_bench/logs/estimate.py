@@ -8,7 +8,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_fit import FrictionFit, fit_friction
 from norton_bench.identification.friction_laws import model as member
-from norton_bench.identification.friction_model import Dimension, FrictionModel
+from norton_bench.identification.friction_model import FrictionModel, remembers
 from norton_bench.identification.ladder import Rung, ladder
 from norton_bench.logs import delays as late
 from norton_bench.logs.equation import TORQUE_GAIN, Problem
@@ -41,11 +41,6 @@ class Estimated:
         """With the chosen model fitted anew."""
         rungs = tuple(chosen if rung.name == chosen.name else rung for rung in self.rungs)
         return Estimated(problem, rungs, chosen)
-
-
-def remembers(law: FrictionModel) -> bool:
-    """Whether its friction depends on the path."""
-    return any(unknown.dimension is Dimension.DISPLACEMENT for unknown in law.unknowns)
 
 
 def comparable(near: NearRest, family: Sequence[FrictionModel]) -> tuple[tuple[FrictionModel, ...], str]:

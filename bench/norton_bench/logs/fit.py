@@ -27,6 +27,7 @@ from norton_bench.logs.results import LogFit
 from norton_bench.logs.sanity_checks import (
     Basic,
     ahead_of_goal,
+    hanging,
     out_of_step,
     swapped,
     unexplained,
@@ -282,8 +283,12 @@ def _doubts(
         return tuple(units)  # which say themselves what is swapped
     result = [*ahead_of_goal(problem.stretches, problem.filters)]
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
-    result = result or [*wrong_signs(basic, column_map, ratio)]
+    result = result or [*wrong_signs(basic.with_contact(chosen.fit), column_map, ratio)]
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
-        result = result or [*out_of_step(problem, column_map), *unexplained(basic, left)]
+        result = result or [*out_of_step(problem, chosen.fit, column_map)]
+        hung = () if result else tuple(hanging(again(logs), left, column_map))
+        if hung:
+            return hung
+        result = result or [*unexplained(basic, left)]
     return (*result, *(swapped(logs, basic, again) if result else ()))

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction_model import Dimension, FrictionModel, Path
+from norton_bench.identification.friction_model import FrictionModel, Path, remembers
 from norton_bench.identification.ladder import FrictionFit, Rung
 from norton_bench.identification.results import Trace, words
-from norton_bench.logs.alarms import alarms
+from norton_bench.logs.alarms import alarms, alarms_of_motion
 from norton_bench.logs.between import compared, widened
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
@@ -17,6 +17,7 @@ from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.link import spring_of
 from norton_bench.logs.motion import Motion
+from norton_bench.logs.near_rest import NearRest
 from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
     ErrorFigures,
@@ -24,6 +25,7 @@ from norton_bench.logs.results import (
     LogFit,
     Step,
     as_doubtful,
+    back_emf_damping,
     estimates_of,
     loose,
     with_back_emf,
@@ -50,11 +52,10 @@ WORTH_SAYING = 0.01
 def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
     """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
     alone = "load" not in model.name and not column_map.model.temperature and int(column_map.model.gravity) <= 1
-    remembers = any(unknown.dimension is Dimension.DISPLACEMENT for unknown in model.unknowns)
     driven = problem.terms[0].drive is not None
     # A motor that twists its joint is not driven by the load that the link carries.
     twists = problem.terms[0].link is not None and problem.terms[0].port is None
-    return driven and problem.scaled and not remembers and not twists and alone and column_map.model.inertia
+    return driven and problem.scaled and not remembers(model) and not twists and alone and column_map.model.inertia
 
 
 def motion_errors(
@@ -189,7 +190,8 @@ def outcome(judged: Judged) -> LogFit:
     parts = compared(problem, judged.chosen.fit)
     fit = widened(judged.chosen.fit, parts)
     doubtful = bool(judged.doubts)
-    wrong = alarms(problem, judged.chosen, column_map.units)
+    predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
+    wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
     estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
@@ -216,10 +218,12 @@ def outcome(judged: Judged) -> LogFit:
         test=test,
         ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in judged.rungs),
         exertion=_trace(problem, fit, column_map),
-        totals=totals(problem, fit, column_map.units, believed=not doubtful),
+        totals=totals(
+            problem, fit, column_map.units, back_emf=_back_emf(column_map, problem, fit), believed=not doubtful
+        ),
         alarms=wrong,
         between=parts,
-        predictions=predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive),
+        predictions=predicted,
     )
 
 
@@ -232,10 +236,11 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     doubts = (*judged.doubts, *astray(result.train))
     estimates = as_doubtful(result.estimates) if doubts else result.estimates
     train, test = map(Errors, judged.exertion_errors, (result.train, result.test))
+    wrong = alarms_of_motion(result.test, result.ladder)
     return LogFit(
         model=result.model,
         estimates=estimates,
-        verdict=tuple(dict.fromkeys([*doubts, *judged.remarks, *result.verdict, *_uncertain(estimates)])),
+        verdict=tuple(dict.fromkeys([*doubts, *wrong, *judged.remarks, *result.verdict, *_uncertain(estimates)])),
         converged=result.converged,
         doubtful=bool(doubts),
         train=train,
@@ -244,6 +249,7 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
             replace(step, estimates=as_doubtful(step.estimates)) if doubts else step for step in result.ladder
         ),
         exertion=_trace(problem, fit, column_map),
+        alarms=wrong,
     )
 
 
@@ -268,6 +274,15 @@ def _estimates(
     return estimates, verdict
 
 
+def _back_emf(column_map: ColumnMap, problem: Problem, fit: FrictionFit) -> float:
+    """Its damping, where the resistance tells it from that of friction; else 0."""
+    resistance_ohm = problem.stretches[0].log.given("actuator", "resistance")
+    if not column_map.actuator.voltage_driven or resistance_ohm is None:
+        return 0.0
+    known = problem.stretches[0].log.given("actuator", "torque_gain")
+    return back_emf_damping(known or fit.value("torque_gain"), resistance_ohm)
+
+
 def _late(estimates: Sequence[Estimate], problem: Problem) -> Iterator[str]:
     """Delays that are surely more than half a sample."""
     for estimate in estimates:
@@ -282,12 +297,12 @@ def _late(estimates: Sequence[Estimate], problem: Problem) -> Iterator[str]:
 
 
 def _near_rest(problem: Problem) -> Iterator[str]:
-    """How many rows trained on count for less than half."""
-    share = float(np.mean(problem.equation.scale[problem.train] ** 2 < HALF))
-    if share > WORTH_SAYING:
+    """For how long the log is near rest, if rows are trained on that count for less than half because of it."""
+    if np.mean(problem.equation.scale[problem.train] ** 2 < HALF) > WORTH_SAYING:
+        share = float(np.mean(NearRest.of(problem).share[problem.train]))
         yield (
-            f"Near rest, in {share:.0%} of the rows, friction is not what the law says of its velocity: it sticks, or "
-            "turns round between two samples. These rows count for less."
+            f"Near rest, {share:.0%} of the time, friction is not what the law says of its velocity: it sticks, or "
+            "turns round between two samples. Rows that hold such instants count for less."
         )
 
 

@@ -212,7 +212,7 @@ def _velocity(content: Content, time_s: FloatArray, result: dict[str, Guess]) ->
     logged = (0.5 * (content.arrays[velocity.name][1:] + content.arrays[velocity.name][:-1]))[good]
     finite = np.isfinite(derived) & np.isfinite(logged)
     derived, logged = derived[finite], logged[finite]
-    alike = float(np.corrcoef(derived, logged)[0, 1]) if np.ptp(derived) and np.ptp(logged) else 0.0
+    alike = float(np.corrcoef(derived, logged)[0, 1]) if derived.size and np.ptp(derived) and np.ptp(logged) else 0.0
     if abs(alike) < ALIKE:
         del result["velocity"]
         return [f'"{velocity.name}" is not the derivative of "{position.name}", and is left out.']

@@ -193,12 +193,17 @@ def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[
     return (gain, *blank[1:]), sentence
 
 
+def back_emf_damping(gain: float, resistance_ohm: float) -> float:
+    """Km²/R, of a gain Km/R per volt."""
+    return gain**2 * resistance_ohm
+
+
 def with_back_emf(
     estimates: tuple[Estimate, ...], resistance_ohm: float | None, known_gain: float | None
 ) -> tuple[tuple[Estimate, ...], str]:
     """A voltage-driven motor's damping holds its back-EMF; where the resistance is known, the two are told apart.
 
-    From the gain Km/R, the constant is Km = gain · R and the back-EMF's damping Km²/R.
+    From the gain Km/R, the constant is Km = gain · R.
     """
     by_name: Mapping[str, Estimate] = {estimate.name: estimate for estimate in estimates}
     gain = by_name.get("torque_gain", Estimate("torque_gain", known_gain or float("nan"), 0.0, "", Status.VALID))
@@ -206,7 +211,7 @@ def with_back_emf(
         return estimates, (
             "Driven by voltage: the viscous damping holds the back-EMF's; [actuator] resistance would tell them apart."
         )
-    braking = gain.value**2 * resistance_ohm
+    braking = back_emf_damping(gain.value, resistance_ohm)
     braking_std = 2 * abs(gain.value) * resistance_ohm * gain.std
     lessened = tuple(
         replace(each, value=each.value - braking, std=float(np.hypot(each.std, braking_std)))

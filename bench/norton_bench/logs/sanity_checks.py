@@ -11,6 +11,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError
+from norton_bench.identification.friction_fit import FrictionFit
+from norton_bench.identification.friction_model import remembers
 from norton_bench.identification.redundancy import AGREEMENT, SLOPE, agreement
 from norton_bench.identification.separable import linear_solution
 from norton_bench.identification.statistics import sandwich
@@ -24,6 +26,8 @@ from norton_bench.logs.results import ErrorFigures
 SIGNIFICANT = 3.0
 # An equation that leaves more of the exertion than this has not been understood.
 UNEXPLAINED = 0.5
+# What is left of it is worth an explanation.
+MUCH = 0.05
 # Columns are out of step by more than this many samples, if that explains this share of what is unexplained.
 LATE_SAMPLES = 2
 LATEST_SAMPLES = 24
@@ -61,6 +65,14 @@ class Basic:
     def sound(self) -> bool:
         """Whether nothing has the wrong sign."""
         return all(ratio is None or ratio > -SIGNIFICANT for ratio in (self.inertia, self.braking, self.gain))
+
+    def with_contact(self, fit: FrictionFit) -> "Basic":
+        """With the signs of a fit whose friction remembers the path: that of velocity alone may not tell them."""
+        if not remembers(fit.model):
+            return self
+        ratio = dict(zip(fit.names, fit.values / np.maximum(fit.deviations, 1e-300), strict=True))
+        inertia = None if self.inertia is None else ratio.get("inertia")
+        return replace(self, inertia=inertia, braking=None, gain=ratio.get(TORQUE_GAIN))
 
     @classmethod
     def of(cls, problem: Problem) -> "Basic":
@@ -122,12 +134,13 @@ def wrong_signs(basic: Basic, column_map: ColumnMap, gear_ratio: float | None) -
         yield f"Friction comes out negative, driving the motion: the signs of {driver} and motion do not agree; {mend}."
 
 
-def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
+def out_of_step(problem: Problem, fit: FrictionFit, column_map: ColumnMap) -> Iterator[str]:
     """Exertion and motion that were logged at different times: a shift of one that explains far more."""
     if problem.terms[0].load is not None:
         return  # what the load asks for follows from the motion, and cannot be late for it
     equation, rows = problem.equation, problem.train
-    basis = np.linalg.qr(_columns(problem)[:, rows].T)[0]
+    friction = equation.process(fit.model.columns(equation.path, fit.shape))
+    basis = np.linalg.qr(np.concatenate([equation.others, friction])[:, rows].T)[0]
 
     def left(shift: int) -> float:
         target = equation.process(np.roll(problem.known, -shift)[None, :])[0][rows]
@@ -142,6 +155,24 @@ def out_of_step(problem: Problem, column_map: ColumnMap) -> Iterator[str]:
         yield (
             f"{what} is logged about {abs(late_ms):.2g} ms {'later' if best > 0 else 'earlier'} than the motion it "
             f'goes with: shift its time in [columns] {what} (shift = "{-late_ms:.2g} ms").'
+        )
+
+
+def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[str]:
+    """A weight that the map does not know, which some law of friction, or a delay, may have been taken for; ``problem``
+    is the equation without delays."""
+    known = column_map.model.gravity or column_map.translation or problem.terms[0].load is not None
+    if known or not left > MUCH:
+        return
+    equation, rows = problem.equation, problem.train
+    angle = equation.path.position
+    weight = equation.process(np.stack([np.sin(angle), np.cos(angle)]))
+    columns, target = np.concatenate([_columns(problem), weight])[:, rows], equation.target[rows]
+    beside = _rms(target - linear_solution(columns, target) @ columns) / max(variation(problem), 1e-300)
+    if beside**2 < BETTER * left**2:
+        yield (
+            f"A torque goes with the angle, as a weight does: with it {beside:.1%} of the exertion would be left, and "
+            f"not {left:.1%}; write [model] gravity = true, or a known [load]."
         )
 
 

@@ -7,6 +7,7 @@ and the byte order marks of spreadsheets. A row that cannot be a row is named wi
 import re
 from collections import Counter
 from collections.abc import Sequence
+from csv import reader as csv_lines
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -23,6 +24,8 @@ LOOKED_AT = 200
 # A number with a point or a comma; what spreadsheets write where there is none; words for flags.
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?")
 NOTHING = ("", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf", "true", "false", "#n/a")
+# Those of them that stand for no number, as they may be written.
+NULLS = ["", "nan", "NaN", "NAN", "na", "NA", "n/a", "N/A", "#N/A", "null", "NULL", "none", "None", "-"]
 STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")
 # A whole log in one block: the types of columns are then found from all of it.
 BLOCK_BYTES = 1 << 30
@@ -52,10 +55,10 @@ def read_text_table(path: Path, section: LogSection) -> TextTable:
     csv = extra("pyarrow.csv", "reading CSV")
     table = csv.read_csv(
         BytesIO(text.encode()),
-        read_options=csv.ReadOptions(block_size=BLOCK_BYTES, autogenerate_column_names=True),
+        read_options=csv.ReadOptions(use_threads=False, block_size=BLOCK_BYTES, autogenerate_column_names=True),
         parse_options=csv.ParseOptions(delimiter=separator),
         convert_options=csv.ConvertOptions(
-            strings_can_be_null=True, decimal_point="," if _decimal_comma(rows, separator) else "."
+            null_values=NULLS, strings_can_be_null=True, decimal_point="," if _decimal_comma(rows, separator) else "."
         ),
     )
     return TextTable(names, table.columns, remarks)
@@ -68,9 +71,7 @@ def _no_table(path: Path) -> str:
 def _lines(path: Path, skip: int) -> list[tuple[int, str]]:
     """Number and text of every line that is neither empty nor a comment; that of the header may be one."""
     raw = path.read_bytes()
-    encoding = "utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    text = raw.decode(encoding, errors="replace")
-    numbered = list(enumerate(text.splitlines(), 1))[skip:]
+    numbered = list(enumerate(_decoded(raw).splitlines(), 1))[skip:]
     kept = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith(COMMENTS)]
     # numpy writes its header as a comment: it counts where nothing else names the columns.
     marked = [(n, line.lstrip().lstrip("#%/ ")) for n, line in numbered if line.lstrip().startswith(COMMENTS)]
@@ -79,6 +80,19 @@ def _lines(path: Path, skip: int) -> list[tuple[int, str]]:
     if not kept:
         raise UsageError(_no_table(path))
     return kept
+
+
+def _decoded(raw: bytes) -> str:
+    """As spreadsheets write: UTF-8, UTF-16 with or without its mark, or the old code page of Western Europe."""
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16", errors="replace")
+    # In tables every other byte of UTF-16 is zero.
+    if b"\0" in raw[:4]:
+        return raw.decode("utf-16-be" if raw[:1] == b"\0" else "utf-16-le", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
 
 
 def _separator(lines: Sequence[tuple[int, str]]) -> str:
@@ -91,8 +105,19 @@ def _separator(lines: Sequence[tuple[int, str]]) -> str:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    cells = line.split() if separator == " " else line.split(separator)
+    if separator == " ":
+        cells = line.split()
+    elif '"' in line:
+        # What is in quotes may hold the separator: a decimal comma, or one in a text, which no number needs.
+        cells = [_without(cell.strip(), separator) for cell in next(csv_lines([line], delimiter=separator))]
+    else:
+        cells = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def _without(cell: str, separator: str) -> str:
+    decimal = separator == "," and NUMBER.fullmatch(cell) is not None
+    return cell.replace(separator, "." if decimal else " ")
 
 
 def _numeric(cells: Sequence[str]) -> bool:

@@ -15,9 +15,12 @@ SPEEDS = np.linspace(0.1, 0.9, 17)
 UNSURE = 0.5
 
 
-def totals(problem: Problem, fit: FrictionFit, units: Units, *, believed: bool) -> tuple[Estimate, ...]:
+def totals(
+    problem: Problem, fit: FrictionFit, units: Units, *, back_emf: float, believed: bool
+) -> tuple[Estimate, ...]:
     """``total_coulomb`` and ``total_viscous``: the mean friction of both directions in steady sliding is the first
-    plus the second times the speed, best over the speeds that were trained on. None where nothing gives a scale."""
+    plus the second times the speed, best over the speeds that were trained on. ``back_emf`` is the damping that is none
+    of friction's. None where nothing gives a scale."""
     if not problem.scaled:
         return ()
     weights = _lines(problem, fit, fit.shape)
@@ -29,7 +32,7 @@ def totals(problem: Problem, fit: FrictionFit, units: Units, *, believed: bool) 
     for index, (changed, change) in enumerate(fit.moved_shapes()):
         slopes[:, count + terms + index] = (_lines(problem, fit, changed) - weights) @ strengths / change
     covariance = slopes @ fit.covariance @ slopes.T
-    values = weights @ strengths
+    values = weights @ strengths - np.array([0.0, back_emf])
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     exertion, speed = units.exertion, f"{units.motion}/s"
     damping = {"rad/s": "N*m*s/rad", "m/s": "N*s/m"}[speed]

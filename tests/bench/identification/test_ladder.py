@@ -8,7 +8,7 @@ import pytest
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.friction_fit import WORTH_A_STEP
 from norton_bench.identification.friction_laws import CONTAINS, family_for, model
-from norton_bench.identification.ladder import blocked_folds, ladder, selected
+from norton_bench.identification.ladder import Rung, blocked_folds, chosen_of, ladder, selected
 from tests.bench.identification.friction.paths import equation_of, wandering
 
 NOISE = 2e-3
@@ -94,3 +94,19 @@ def test_one_fold_is_not_enough():
     equation = equation_of(model("coulomb-viscous"), [1e-3, 0.02], [], wandering(), NOISE)
     with pytest.raises(ExperimentError, match="two parts"):
         ladder(replace(equation, fold=np.zeros(equation.target.size, dtype=np.int64)), family_for(equation.path))
+
+
+def judged(name: str, held_out: float, *, edge: bool) -> Rung:
+    """A rung whose folds all err by the same."""
+    shape = ("presliding_displacement",) if edge else ()
+    fit = replace(FITTED, model=model(name), at_bound=shape)
+    return Rung(model(name), fit, held_out, held_out, 0.0, 1.0, (held_out**2,) * 4)
+
+
+FITTED = ladder(equation_of(model("dahl"), [1e-3, 0.02, 0.0], [0.1], wandering(), NOISE), [model("dahl")])[0].fit
+
+
+@pytest.mark.parametrize(("inside", "wanted"), [(1.3, "coulomb-viscous"), (1.5, "dahl")])
+def test_a_law_at_its_edge_is_chosen_where_no_other_is_nearly_as_good(inside, wanted):
+    rungs = [judged("coulomb-viscous", inside, edge=False), judged("dahl", 1.0, edge=True)]
+    assert chosen_of(rungs).name == wanted

@@ -201,7 +201,9 @@ def test_a_voltage_driven_motor_brakes_itself(tmp_path: Path) -> None:
     near(whole, **(ALL | {"viscous_damping": TRUE.damping + constant**2 / resistance}))
     assert any("holds the back-EMF's" in said for said in whole.verdict)
     parted = text.replace("[actuator]", '[actuator]\nvoltage_driven = true\nresistance = "0.05 ohm"')
-    near(fit_of(tmp_path, log, parted), torque_constant=constant, **ALL)
+    fit = fit_of(tmp_path, log, parted)
+    near(fit, torque_constant=constant, **ALL)
+    assert [each.value for each in fit.totals] == pytest.approx([TRUE.coulomb, TRUE.damping], rel=0.02)
 
 
 def test_an_uneven_clock(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from norton_bench.logs.column_map import ColumnMap, parse_map
 from norton_bench.logs.column_names import kind_of_column, unit_in_name
 from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.propose import propose, write_proposal
-from tests.bench.logs.machines import Columns, Machine, estimate, write_csv
+from tests.bench.logs.machines import Columns, Machine, column_map, estimate, write_csv
 
 LOG = Machine(duration_s=6.0, rate_hz=200.0).log()
 
@@ -116,3 +116,27 @@ def test_the_log_of_the_five_minutes_gives_the_values_that_the_docs_show() -> No
     for name, true in (("inertia", 0.02), ("viscous_damping", 0.15), ("coulomb_torque", 0.1)):
         assert estimate(fit, name).value == pytest.approx(true, rel=0.01)
         assert f"| {estimate(fit, name).value:.5g} |" in docs
+
+
+def test_joints_by_number_have_no_unit_in_their_brackets(tmp_path: Path) -> None:
+    one, other = LOG, Machine(duration_s=6.0, rate_hz=200.0, inertia=0.1, seed=2).log()
+    columns = {"time": one["t"]}
+    for index, log in enumerate((one, other)):
+        columns |= {f"position[{index}]": log["q"], f"velocity[{index}]": log["w"], f"effort[{index}]": 2 * log["u"]}
+    path = write_csv(tmp_path / "log.csv", columns)
+    text, _ = propose(path, "1")
+    assert 'name = "position[{joint}]", unit = "rad"' in text
+    assert 'command = { name = "effort[{joint}]", unit = "N*m" }' in text
+
+
+@pytest.mark.parametrize("name", ["/battery/voltage", "v_bus", "bus_voltage", "supply_voltage"])
+def test_what_feeds_a_drive_is_no_command(name: str) -> None:
+    assert kind_of_column(name) is None
+
+
+def test_stamps_too_coarse_to_differ_are_said_to_be_the_same(tmp_path: Path) -> None:
+    log = LOG
+    path = write_csv(tmp_path / "log.csv", {"time": 0 * log["t"], "pos_rad": log["q"], "vel": log["w"], "iq": log["u"]})
+    text, _ = propose(path)
+    with pytest.raises(UsageError, match="have the same time as the row before"):
+        fit_logs(Request((path,), column_map(text)))

@@ -36,6 +36,11 @@ UGLY: dict[str, list[str]] = {
     "semicolons and decimal commas": ["t;q;u", *table(";", comma=True)],
     "preamble of a scope": ["Model,DL850", "Date,2026-03-02", "", "t,q,u", *table()],
     "the header as a comment": ["# t q u", *table(" ")],
+    "quotes around decimal commas": [
+        "t,q,u",
+        *(",".join(f'"{c}"' for c in line.split(";")) for line in table(";", comma=True)),
+    ],
+    "a text in quotes": ["t,q,u,state", *(f'{line},"moving, ok"' for line in table())],
     "blanks in any number": ["t    q  u", *("   ".join(line.split(",")) for line in table())],
     "the header again in the middle": ["t,q,u", *table()[:40], "t,q,u", *table()[40:]],
     "quoted names and tabs": ['"t"\t"q"\t"u"', *table("\t")],
@@ -52,11 +57,24 @@ def test_an_ugly_file_gives_the_same_numbers(tmp_path: Path, name: str) -> None:
         np.testing.assert_allclose(content.array(column, "here"), [row[index] for row in ROWS], atol=1e-9)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 def test_what_a_spreadsheet_saves(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "log.csv"
     path.write_bytes("\n".join(["t,q,u", *table()]).encode(encoding))
     assert read_file(path, SECTION).array("t", "here").size == 80
+
+
+def test_a_degree_as_old_spreadsheets_save_it(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_bytes("\n".join(["t [s],q [°],u [A]", *table()]).encode("cp1252"))
+    assert list(read_file(path, SECTION).arrays) == ["t [s]", "q [°]", "u [A]"]
+
+
+@pytest.mark.parametrize("word", ["-", "n/a", "NaN", "None", ""])
+def test_what_stands_for_no_number_is_missing(tmp_path: Path, word: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,q,u", *table()[:40], f"{ROWS[40][0]},{word},0.1", *table()[41:]]))
+    assert np.flatnonzero(np.isnan(read_file(path, SECTION).array("q", "here"))).tolist() == [40]
 
 
 @pytest.mark.parametrize("words", ["emergency,stop,pressed", "emergency stop", "emergency stop,,"])
