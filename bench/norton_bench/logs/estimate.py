@@ -14,7 +14,7 @@ from norton_bench.logs import delays as late
 from norton_bench.logs.equation import TORQUE_GAIN, Problem
 from norton_bench.logs.motion import Delays
 from norton_bench.logs.near_rest import NearRest, WeightedFit
-from norton_bench.logs.starts import SCOUT, begun
+from norton_bench.logs.starts import SCOUT, begun, tensed
 
 # Models that are near to any other as far as delays go, and quick.
 SCOUTS = ("coulomb-viscous", "load-dependent", "stribeck-asymmetric", "film-asymmetric", SCOUT)
@@ -25,6 +25,8 @@ PRESLIDES = 1 / 3
 # more than this share of a sample, and by less every time.
 ROUNDS = 12
 SETTLED = 0.02
+# Of the fit, and of the tension that it begins with.
+TENSED = 4
 # Of the fit, and of the errors that it leaves.
 SHRINKS = 2
 
@@ -86,13 +88,33 @@ def estimated(
         near = NearRest.of(begun(problem))
         problem = near.weighted(_first(near, candidates).excess)
     rungs = ladder(problem.equation, candidates, problem.train)
-    return _unshrunk(_settled(Estimated(problem, rungs, choose(rungs)), again))
+    return _unshrunk(_settled(_tensed(Estimated(problem, rungs, choose(rungs))), again))
 
 
 def _first(near: NearRest, candidates: Sequence[FrictionModel]) -> WeightedFit:
-    """The likeliest scout among the candidates, or the simplest of these where there is none."""
-    scouts = [each for each in candidates if each.name in SCOUTS] or [candidates[0]]
+    """The likeliest scout among the candidates, one of which is a contact; or the simplest of these."""
+    scouts = [each for each in candidates if each.name in SCOUTS]
+    if not any(map(remembers, scouts)):
+        scouts += [*filter(remembers, candidates)][:1]
+    scouts = scouts or [candidates[0]]
     return min((near.fit(each) for each in scouts), key=lambda each: each.doubt)
+
+
+def _tensed(result: Estimated) -> Estimated:
+    """The chosen contact, with the tension at each beginning that it asks for itself.
+
+    An error of it is left in all rows until the contact has turned over, and delays and damping take it up.
+    """
+    problem, chosen = result.problem, result.chosen
+    if not remembers(chosen.model):
+        return result
+    for _ in range(TENSED):
+        other = tensed(problem, chosen.fit)
+        refitted = _refitted(other, chosen)
+        if not refitted.fit.rms < chosen.fit.rms:  # the first rows tell of what the law lacks
+            break
+        problem, chosen = other, refitted
+    return result.again(problem, chosen)
 
 
 def _settled(result: Estimated, again: Callable[[Delays], Problem]) -> Estimated:

@@ -20,6 +20,8 @@ SCOUT = "elasto-plastic"
 # The rows that a start is read from, and the shares of a contact's strength that are tried.
 FIRST_ROWS = 3
 TRIALS = 9
+# Tried over all shares first, then around the best.
+REACHES = (1.0, 0.25)
 ROUNDS = 2
 # A start is another one than the usual if it leaves less than this share of the squared error of its first rows.
 BETTER = 0.8
@@ -46,6 +48,12 @@ def begun(problem: Problem) -> Problem:
     return replace(problem, equation=fresh)
 
 
+def tensed(problem: Problem, fit: FrictionFit) -> Problem:
+    """The problem with the tension at each beginning that a law of contacts which was fitted to it asks for."""
+    equation = problem.equation
+    return replace(problem, equation=replace(equation, path=_tensed(problem, equation.path, fit)))
+
+
 def _tensed(problem: Problem, path: Path, scout: FrictionFit) -> Path:
     """The path with the share of its strength that the contact has at each start, as the first rows after it tell."""
     equation = problem.equation
@@ -60,20 +68,22 @@ def _tensed(problem: Problem, path: Path, scout: FrictionFit) -> Path:
         error = (rest + strengths @ friction) ** 2
         return np.array([float(np.mean(error[each])) if each.size else 0.0 for each in rows])
 
-    trials = np.linspace(-1.0, 1.0, TRIALS)
-    costs = np.stack([left(np.full(path.starts.size, share)) for share in trials])
-    best = _lowest(trials, costs)
+    best = np.zeros(path.starts.size)
+    for reach in REACHES:
+        trials = np.clip(best + np.linspace(-reach, reach, TRIALS)[:, None], -1.0, 1.0)
+        best = _lowest(trials, np.stack([left(shares) for shares in trials]))
     return replace(path, shares=np.where(left(best) < BETTER * left(usual), best, usual))
 
 
 def _lowest(trials: FloatArray, costs: FloatArray) -> FloatArray:
-    """Where a parabola through the lowest trial and those beside it is lowest, shape (starts,)."""
+    """Where a parabola through the lowest trial and those beside it is lowest, shape (starts,); both (trials, starts)."""
     at = np.clip(np.argmin(costs, axis=0), 1, len(trials) - 2)
     which = np.arange(costs.shape[1])
     before, here, after = (costs[at + step, which] for step in (-1, 0, 1))
     bend = before - 2 * here + after
     offset = np.where(bend > 0, 0.5 * (before - after) / np.where(bend > 0, bend, 1.0), 0.0)
-    return np.asarray(np.clip(trials[at] + np.clip(offset, -1.0, 1.0) * (trials[1] - trials[0]), -1.0, 1.0))
+    apart = trials[at, which] - trials[at - 1, which]
+    return np.asarray(np.clip(trials[at, which] + np.clip(offset, -1.0, 1.0) * apart, -1.0, 1.0))
 
 
 def _first_rows(problem: Problem, starts: IntArray) -> list[IntArray]:
