@@ -76,7 +76,7 @@ def _tensed(problem: Problem, path: Path, scout: FrictionFit) -> Path:
 
 
 def _lowest(trials: FloatArray, costs: FloatArray) -> FloatArray:
-    """Where a parabola through the lowest trial and those beside it is lowest, shape (starts,); both (trials, starts)."""
+    """Where a parabola through the lowest trial and those beside it is lowest, (starts,); both are (trials, starts)."""
     at = np.clip(np.argmin(costs, axis=0), 1, len(trials) - 2)
     which = np.arange(costs.shape[1])
     before, here, after = (costs[at + step, which] for step in (-1, 0, 1))
