@@ -296,15 +296,19 @@ def _check_units(column_map: ColumnMap, mistakes: Mistakes) -> None:
             f"[columns.{name}] unit",
             mistakes,
         )
+    command = column_map.columns.command
     for (section, key), given in column_map.givens().items():
-        _check_unit(given.unit, column_map.unit_of_given(section, key), f"[{section}] {key}", mistakes)
+        # The units of a header are not known yet: those of numbers that go with the command are the map's.
+        bare = command is not None and command.unit is None and key in ("torque_gain", *LoopSection.model_fields)
+        mend = "; or give the command its unit in [columns]" if bare else ""
+        _check_unit(given.unit, column_map.unit_of_given(section, key), f"[{section}] {key}", mistakes, mend)
 
 
-def _check_unit(unit: str, wanted: str, where: str, mistakes: Mistakes) -> None:
+def _check_unit(unit: str, wanted: str, where: str, mistakes: Mistakes, mend: str = "") -> None:
     try:
         conversion(unit, wanted)
     except ValueError as wrong:
-        mistakes.add(where, str(wrong))
+        mistakes.add(where, f"{wrong}{mend}")
 
 
 def _check_sense(column_map: ColumnMap, mistakes: Mistakes) -> None:

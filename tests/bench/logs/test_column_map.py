@@ -21,6 +21,7 @@ from norton_bench.logs.column_map import (
     parse_map,
 )
 from norton_bench.rig.files import keys_of
+from tests.bench.logs.machines import FREE
 
 ROOT = Path(__file__).parents[3]
 RIGHT = """\
@@ -134,3 +135,8 @@ def test_the_maps_shown_are_right() -> None:
     shown = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "logs.md").read_text(), re.DOTALL)
     maps = [parse_map(each, place="docs") for each in shown]
     assert {each.translation for each in maps} == {True, False}
+
+
+def test_a_gain_may_lack_the_unit_that_only_the_header_gives() -> None:
+    with pytest.raises(UsageError, match=r"or give the command its unit in \[columns\]"):
+        parse_map(FREE.replace('name = "u", unit = "A"', 'name = "u"'), place="map.toml")

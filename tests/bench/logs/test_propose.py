@@ -140,3 +140,12 @@ def test_stamps_too_coarse_to_differ_are_said_to_be_the_same(tmp_path: Path) -> 
     text, _ = propose(path)
     with pytest.raises(UsageError, match="have the same time as the row before"):
         fit_logs(Request((path,), column_map(text)))
+
+
+def test_a_column_that_holds_a_word_is_named_with_its_row(tmp_path: Path) -> None:
+    path = write_csv(tmp_path / "log.csv", {"time": LOG["t"], "pos_rad": LOG["q"], "torque [Nm]": LOG["u"]})
+    lines = path.read_text().splitlines()
+    lines[501] = lines[501].rsplit(",", 1)[0] + ",ERR"
+    path.write_text("\n".join(lines))
+    with pytest.raises(UsageError, match=r"no column of numbers is a command or exertion; \"torque \[Nm\]\" .* row 501"):
+        propose(path)
