@@ -151,9 +151,10 @@ def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
         missing.append("a command or exertion")
     if missing:
         known = ", ".join(list(content.arrays)[:12])
-        unread = [f'; "{name}" {why}' for name, why in content.unreadable.items() if kind_of_column(split_unit(name)[0])]
+        unread = [name for name in content.unreadable if kind_of_column(split_unit(name)[0])]
         if unread:
-            raise UsageError(f"{log}: no column of numbers is {' or '.join(missing)}{''.join(unread)}")
+            why = "; ".join(f'"{name}" {content.unreadable[name]}' for name in unread)
+            raise UsageError(f"{log}: no column of numbers is {' or '.join(missing)}; {why}")
         untimed = ', with [log] rate = "1 kHz" where no column is a time' if "a time" in missing else ""
         raise UsageError(
             f"{log}: no column can be told by its name to be {' and '.join(missing)}; there are {known}: write a map "

@@ -147,5 +147,5 @@ def test_a_column_that_holds_a_word_is_named_with_its_row(tmp_path: Path) -> Non
     lines = path.read_text().splitlines()
     lines[501] = lines[501].rsplit(",", 1)[0] + ",ERR"
     path.write_text("\n".join(lines))
-    with pytest.raises(UsageError, match=r"no column of numbers is a command or exertion; \"torque \[Nm\]\" .* row 501"):
+    with pytest.raises(UsageError, match=r"is a command or exertion; \"torque \[Nm\]\" .* row 501"):
         propose(path)
