@@ -214,8 +214,9 @@ def told_by(**told: tuple[float, Status]) -> FitResult:
         Estimate(name, value, told[name][0] * value, unit, told[name][1]) for name, (value, unit) in values.items()
     )
     gain = Estimate("torque_gain", 0.9, 0.5, "N*m/(N*m)", Status.VALID)
+    damping = Estimate("presliding_damping", 0.01, 1e-4, "N*m*s/rad", Status.VALID)
     trace = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
-    return FitResult((gain, *estimates), network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, trace)
+    return FitResult((gain, *estimates, damping), network, True, 1e-3, 0.01, 1000, 0.0, 0.0, 0.0, 0.0, trace)
 
 
 KNOWN = {"inertia": (0.04, Status.VALID), "coulomb_torque": (0.04, Status.VALID)}
