@@ -29,6 +29,7 @@ from norton_bench.logs.sanity_checks import (
     ahead_of_goal,
     hanging,
     out_of_step,
+    scales_apart,
     swapped,
     unexplained,
     unlike_derivative,
@@ -290,5 +291,8 @@ def _doubts(
         hung = () if result else tuple(hanging(again(logs), left, column_map))
         if hung:
             return hung
+        apart = () if result else tuple(scales_apart(problem, left))
+        if apart:
+            return apart
         result = result or [*unexplained(basic, left)]
     return (*result, *(swapped(logs, basic, again) if result else ()))

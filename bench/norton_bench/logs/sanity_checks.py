@@ -176,6 +176,27 @@ def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[st
         )
 
 
+def scales_apart(problem: Problem, left: float) -> Iterator[str]:
+    """A torque gain that the sensor at the port, or the known load, does not bear out."""
+    first = problem.terms[0]
+    drive = problem.joined("drive")
+    if first.gain is None or drive is None or (first.port is None and first.load is None):
+        return
+    equation, rows = problem.equation, problem.train
+    target = (equation.target + first.gain * equation.process(drive[None, :])[0])[rows]
+    columns = np.concatenate([_columns(problem), equation.process(drive[None, :])])[:, rows]
+    linear = linear_solution(columns, target)
+    residual = target - linear @ columns
+    deviation = float(np.sqrt(sandwich(columns.T, residual, equation.time_s[rows])[-1, -1]))
+    beside, gain = _rms(residual) / max(variation(problem), 1e-300), float(linear[-1])
+    if beside**2 < BETTER * left**2 and abs(gain - first.gain) > SIGNIFICANT * deviation:
+        yield (
+            f"{'Exertion' if first.port is not None else 'The known load'} says that torque_gain is {gain:.3g}, "
+            f"{gain / first.gain:.3g} times what is given: with it {beside:.1%} of the exertion would be left, and not "
+            f"{left:.1%}. Check the units and scales of both, or leave [actuator] torque_gain out to have it estimated."
+        )
+
+
 def unexplained(basic: Basic, left: float) -> Iterator[str]:
     """``left`` is what the model that was chosen leaves, relative to what varies."""
     if min(basic.unexplained, left) > UNEXPLAINED:

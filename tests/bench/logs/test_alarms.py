@@ -8,7 +8,7 @@ import pytest
 from norton_bench.logs.alarms import alarms_of_motion
 from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.results import ErrorFigures, Step
-from tests.bench.logs.machines import FREE, Machine, column_map, estimate, fit_of, write_csv
+from tests.bench.logs.machines import FREE, LOADED, Machine, column_map, estimate, fit_of, write_csv
 
 HANGS_NM = 2.0
 ANY_LAW = FREE.replace('candidates = ["coulomb-viscous"]', 'candidates = ["coulomb-viscous", "dahl"]')
@@ -91,3 +91,11 @@ def test_a_contact_that_deflects_is_no_wrong_sign(tmp_path: Path) -> None:
     assert not fit.doubtful, fit.verdict
     for name, true in (("coulomb_torque", 3.0), ("viscous_damping", 0.3), ("inertia", 0.01)):
         assert estimate(fit, name).value == pytest.approx(true, rel=0.05)
+
+
+@pytest.mark.parametrize(("given", "doubtful"), [("2 N*m/A", False), ("2.3 N*m/A", True), ("0.002 N*m/A", True)])
+def test_a_gain_that_the_sensor_does_not_bear_out_is_named(tmp_path: Path, given: str, doubtful: bool) -> None:
+    """A milliampere taken for an ampere is one such."""
+    fit = fit_of(tmp_path, Machine().log(), f'{LOADED}[actuator]\ntorque_gain = "{given}"\n')
+    assert fit.doubtful is doubtful
+    assert any("Exertion says that torque_gain is 2" in said for said in fit.verdict) is doubtful
