@@ -21,8 +21,8 @@ from norton_bench.identification.statistics import held_out_rms, simplest_as_goo
 __all__ = ["Equation", "FrictionFit", "Rung", "blocked_folds", "fit_friction", "ladder", "selected"]
 
 
-# A law at its edge is held by another one that leaves less than twice its squared error on held-out parts.
-HELD = np.sqrt(2.0)
+# What leaves more than this many times the squared error of another law on held-out parts does not hold beside it.
+HELD = 2.0
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,12 @@ def chosen_of(rungs: Sequence[Rung]) -> Rung:
     others may hold, or none of them does."""
     inside = [rung for rung in rungs if not rung.at_edge]
     best = _simplest(rungs)
-    if inside and _simplest(inside).held_out_rms < HELD * best.held_out_rms:
-        return _simplest(inside)
-    return best
+    return _simplest(inside) if inside and held(_simplest(inside), best) else best
+
+
+def held(rung: Rung, best: Rung) -> bool:
+    """Whether a law does about as well as the best on parts that neither has seen."""
+    return rung.held_out_rms**2 < HELD * best.held_out_rms**2
 
 
 def _simplest(rungs: Sequence[Rung]) -> Rung:

@@ -7,7 +7,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_model import FrictionModel, Path, remembers
-from norton_bench.identification.ladder import FrictionFit, Rung
+from norton_bench.identification.ladder import FrictionFit, Rung, held, selected
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
 from norton_bench.logs.between import compared, widened
@@ -25,6 +25,7 @@ from norton_bench.logs.results import (
     LogFit,
     Step,
     as_doubtful,
+    as_inadequate,
     back_emf_damping,
     estimates_of,
     loose,
@@ -183,22 +184,27 @@ class Judged:
         problem, residual = self.problem, self.chosen.fit.residual
         return [_exertion_error(problem, residual, rows, self.column_map) for rows in (problem.train, problem.test)]
 
+    def outdone(self, rung: Rung) -> bool:
+        """Whether the law that was selected leaves so much less on held-out parts that this one does not hold."""
+        return not held(rung, selected(self.rungs))
+
 
 def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
     column_map, problem = judged.column_map, judged.problem
     parts = compared(problem, judged.chosen.fit)
     fit = widened(judged.chosen.fit, parts)
-    doubtful = bool(judged.doubts)
+    doubtful, outdone = bool(judged.doubts), judged.outdone(judged.chosen)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
-    estimates, verdict = _estimates(column_map, problem, fit, doubtful=doubtful)
+    estimates, verdict = _estimates(judged, fit, outdone=outdone)
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
     spring, message = spring_of(problem, fit, column_map.units.link, believed=not doubtful)
     said = [
         *wrong,
+        *_outdone(judged),
         *judged.remarks,
         *verdict,
         *_late(estimates, problem),
@@ -208,6 +214,8 @@ def outcome(judged: Judged) -> LogFit:
     ]
     sentences = [*judged.doubts, *said, *map(words, together), *_uncertain([*untold, *spring])]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit))
+    back_emf = _back_emf(column_map, problem, fit)
+    total = totals(problem, fit, column_map.units, back_emf=back_emf, believed=not doubtful)
     return LogFit(
         model=judged.chosen.name,
         estimates=(*estimates, *spring),
@@ -216,11 +224,9 @@ def outcome(judged: Judged) -> LogFit:
         doubtful=doubtful,
         train=train,
         test=test,
-        ladder=tuple(_step(column_map, problem, rung, doubtful=doubtful) for rung in judged.rungs),
+        ladder=tuple(_step(judged, rung) for rung in judged.rungs),
         exertion=_trace(problem, fit, column_map),
-        totals=totals(
-            problem, fit, column_map.units, back_emf=_back_emf(column_map, problem, fit), believed=not doubtful
-        ),
+        totals=as_inadequate(total) if outdone else total,
         alarms=wrong,
         between=parts,
         predictions=predicted,
@@ -253,11 +259,22 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
     )
 
 
-def _estimates(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, *, doubtful: bool
-) -> tuple[tuple[Estimate, ...], list[str]]:
+def _outdone(judged: Judged) -> Iterator[str]:
+    chosen, best = judged.chosen, selected(judged.rungs)
+    if judged.outdone(chosen):
+        left, least = (rung.held_out_rms / judged.problem.exertion_rms for rung in (chosen, best))
+        yield (
+            f"{chosen.name} does not describe this friction: on held-out parts it leaves {left:.2%} of the exertion, "
+            f"and {best.name} {least:.2%}. Its values, delays too, stand for what it lacks."
+        )
+
+
+def _estimates(judged: Judged, fit: FrictionFit, *, outdone: bool) -> tuple[tuple[Estimate, ...], list[str]]:
     """The fit's values as a user wants them, and what is to be said of them."""
-    estimates = estimates_of(problem, fit, column_map.units, doubtful=doubtful)
+    column_map, problem = judged.column_map, judged.problem
+    estimates = estimates_of(problem, fit, column_map.units, doubtful=bool(judged.doubts))
+    if outdone:
+        estimates = as_inadequate(estimates)
     verdict: list[str] = []
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:
@@ -336,9 +353,9 @@ def _exertion_error(
     return ErrorFigures.of(residual[rows], scale, column_map.units.exertion)
 
 
-def _step(column_map: ColumnMap, problem: Problem, rung: Rung, *, doubtful: bool) -> Step:
-    scale = problem.exertion_rms
-    estimates, _ = _estimates(column_map, problem, rung.fit, doubtful=doubtful)
+def _step(judged: Judged, rung: Rung) -> Step:
+    scale = judged.problem.exertion_rms
+    estimates, _ = _estimates(judged, rung.fit, outdone=judged.outdone(rung))
     return Step(
         rung.name,
         rung.train_rms / scale,

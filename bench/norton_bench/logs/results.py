@@ -146,6 +146,12 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
     return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
 
 
+def as_inadequate(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+    """The same, of a law that another one outdoes: what seems known is so only if the law holds."""
+    known = (Status.VALID, Status.UNEXCITED)
+    return tuple(replace(each, status=Status.INADEQUATE) if each.status in known else each for each in estimates)
+
+
 def _is_none(estimate: Estimate) -> bool:
     """Whether a harmonic is known to be next to nothing: there is no ratio to it."""
     small = estimate.std > UNEXCITED_BEYOND * abs(estimate.value)
