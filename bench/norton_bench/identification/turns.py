@@ -130,9 +130,10 @@ class Whitening:
 
 
 BINS_A_TURN = 2048
+FINER = 8  # than the way resolves periods
 SEARCHED_PERIODS = 400.0
-# Fewer turns, and what slow friction does looks like a period.
-FEWEST_TURNS = 3.0
+# A wave that returns fewer times on the way looks like what slow friction does.
+FEWEST_PERIODS = 3.0
 # Power over that of noise: noise alone passes it in one search of thousands, so long as residuals are nearly white.
 EVIDENCE = 25.0
 # A wave smaller than this share of the residual is not worth its two unknowns, however sure it is.
@@ -152,17 +153,18 @@ def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated:
     """
     first = float(np.min(position_rad))
     turns = (float(np.max(position_rad)) - first) / (2 * np.pi)
-    if turns < FEWEST_TURNS:
-        return None
     bins = ((position_rad - first) / (2 * np.pi) * BINS_A_TURN).astype(np.int64)
     sums = np.bincount(bins, residual - np.mean(residual))
-    length = 2 ** int(np.ceil(np.log2(2 * sums.size)))
+    length = 2 ** int(np.ceil(np.log2(FINER * sums.size)))
     spectrum = np.abs(np.fft.rfft(sums, length)) ** 2 / (correlated * np.sum(residual**2))
     periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
-    searched = (periods >= 1 - RESOLVED / turns) & (periods <= SEARCHED_PERIODS)
+    slowest = max(1.0, FEWEST_PERIODS / turns)
+    searched = (periods >= slowest - RESOLVED / turns) & (periods <= SEARCHED_PERIODS)
     best = int(np.argmax(np.where(searched, spectrum, 0.0)))
     share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
     if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
         return None
+    if slowest > 1.0 and spectrum[best] < np.max(spectrum[periods < slowest - RESOLVED / turns]):
+        return None  # a side lobe of something slower
     whole = float(np.round(periods[best]))
     return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])

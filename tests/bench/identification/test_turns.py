@@ -12,7 +12,7 @@ from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.fit import fit
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import FINE, signals
-from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening
+from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening, strongest_period
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -173,3 +173,27 @@ def test_without_counts_nothing_is_whitened():
     solution = solve(tuple(replace(each, count_rad=0.0) for each in stretches))
     assert solution.regression.whitening is None
     assert solution.innovation == pytest.approx(solution.residual, abs=1e-12)
+
+
+def swinging(reach_rad: float) -> np.ndarray:
+    time_s = np.arange(20_000) * TICK_S
+    return reach_rad * (0.7 * np.sin(2 * np.pi * 0.31 * time_s) + 0.3 * np.sin(2 * np.pi * 1.7 * time_s + 1.0))
+
+
+@pytest.mark.parametrize(
+    ("reach_rad", "periods", "expected"),
+    [(30.0, 42, 42.0), (30.0, 1, 1.0), (1.0, 42, 42.0), (1.0, 15, 15.0), (1.0, 6, None)],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wave_is_found_that_returns_three_times_on_the_way(reach_rad, periods, expected, seed):
+    """A servo goes to and fro within a third of a turn: two waves there may be what friction does at its ends."""
+    angle = swinging(reach_rad)
+    residual = 0.3 * np.cos(periods * angle + 0.4) + np.random.default_rng(seed).standard_normal(angle.size)
+    assert strongest_period(angle, residual, 1.0) == expected
+
+
+@pytest.mark.parametrize("reach_rad", [30.0, 1.0])
+def test_noise_alone_has_no_wave(reach_rad):
+    rng = np.random.default_rng(0)
+    angle = swinging(reach_rad)
+    assert {strongest_period(angle, rng.standard_normal(angle.size), 1.0) for _ in range(200)} == {None}
