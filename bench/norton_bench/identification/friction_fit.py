@@ -58,6 +58,12 @@ class FrictionFit:
     at_bound: tuple[str, ...]
 
     @property
+    def strengths(self) -> FloatArray:
+        """What the model's terms are multiplied by."""
+        first = len(self.values) - len(self.model.unknowns) - len(self.model.terms)
+        return self.values[first : first + len(self.model.terms)]
+
+    @property
     def shape(self) -> FloatArray:
         return self.values[len(self.values) - len(self.model.unknowns) :]
 

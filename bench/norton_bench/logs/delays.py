@@ -51,13 +51,24 @@ def with_columns(problem: Problem, fit: FrictionFit) -> Problem:
     slopes = _slopes(problem, fit)
     columns = {name: column for name, column in problem.columns.items() if not name.endswith(SHIFT)}
     columns |= {f"{name}{SHIFT}": slopes[name] for name in problem.delays.sought}
-    equation, noise = problem.equation, {}
+    equation = problem.equation
+    noise, at_zero = {name: each for name, each in equation.noise.items() if not name.endswith(SHIFT)}, {}
     if EXERTION in columns:
         rate = problem.readings.white_noise("exertion") * problem.filters.in_rows(1)
-        noise = {EXERTION: np.full(equation.target.size, rate**2)}
+        at_zero = {EXERTION: np.full(equation.target.size, rate**2)}
+    elif COMMAND in columns and "inertia" in equation.noise:
+        # The slope has the jerk of the motion in it.
+        jerks = np.stack([_rate(problem, each) for each in problem.readings.acceleration_errors])
+        noise = noise | {COMMAND: np.mean(equation.process(fit.value("inertia") * jerks) ** 2, axis=0)}
     others = equation.process(np.array(list(columns.values())).reshape(len(columns), problem.known.size))
-    equation = replace(equation, names=tuple(columns), others=others, noise_at_zero=noise)
+    equation = replace(equation, names=tuple(columns), others=others, noise=noise, noise_at_zero=at_zero)
     return replace(problem, columns=columns, equation=equation)
+
+
+def _rate(problem: Problem, values: FloatArray) -> FloatArray:
+    """The change in time of samples (n,) of all stretches."""
+    ends = np.cumsum([len(term.sound) for term in problem.terms])[:-1]
+    return np.concatenate([np.gradient(part, problem.filters.dt_s) for part in np.split(values, ends)])
 
 
 def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
@@ -65,29 +76,21 @@ def _slopes(problem: Problem, fit: FrictionFit) -> Mapping[str, FloatArray]:
 
     What a port takes may be a small difference of drive and demand, so that there the logged columns tell better.
     """
-    demand = -_moving(problem, fit)
-    dt_s = problem.filters.dt_s
-    ends = np.cumsum([len(term.sound) for term in problem.terms])[:-1]
-
-    def rate(values: FloatArray) -> FloatArray:
-        return np.concatenate([np.gradient(part, dt_s) for part in np.split(values, ends)])
-
     if problem.terms[0].port is None:
-        return {"command": -rate(demand)}
+        return {"command": _rate(problem, _moving(problem, fit))}
     smooth = problem.filters.smooth
-    slopes = {"exertion": rate(np.concatenate([smooth(term.port) for term in problem.terms if term.port is not None]))}
+    port = [smooth(term.port) for term in problem.terms if term.port is not None]
+    slopes = {"exertion": _rate(problem, np.concatenate(port))}
     if problem.terms[0].drive is not None:
         gain = fit.value(TORQUE_GAIN) if problem.terms[0].gain is None else problem.terms[0].gain
         drive = [smooth(term.drive) for term in problem.terms if term.drive is not None]
-        slopes["command"] = -gain * rate(np.concatenate(drive))
+        slopes["command"] = -gain * _rate(problem, np.concatenate(drive))
     return slopes
 
 
 def _moving(problem: Problem, fit: FrictionFit) -> FloatArray:
     """What the equation's right side says without drive and delays, less the known load: minus what moving takes."""
-    equation, path = problem.equation, problem.equation.path
-    count = len(equation.names)
-    total = -fit.values[count : count + len(fit.model.terms)] @ fit.model.columns(path, fit.shape)
+    total = -fit.strengths @ fit.model.columns(problem.equation.path, fit.shape)
     for name, column in problem.columns.items():
         if name in fit.names and name != TORQUE_GAIN and not name.endswith(SHIFT):
             total = total + fit.value(name) * column
@@ -97,14 +100,19 @@ def _moving(problem: Problem, fit: FrictionFit) -> FloatArray:
 
 
 def found(problem: Problem, fit: FrictionFit) -> Delays:
-    """The delays of ``problem``, and what the fit of it surely finds beyond them: its columns hold what is not sure."""
+    """The delays of ``problem``, and what the fit of it finds beyond them: noise in a column makes that look smaller,
+    so that it has to come down to nothing."""
     stds = dict(zip(fit.names, fit.deviations.tolist(), strict=True))
     more = {
-        name: fit.value(name) if name in stds and abs(fit.value(name)) > SURE * stds[name] else 0.0
+        name: fit.value(name) if name in stds and abs(fit.value(name)) > NEAR * stds[name] else 0.0
         for name in (COMMAND, EXERTION)
     }
-    delays = problem.delays
-    return replace(delays, command_s=delays.command_s + more[COMMAND], exertion_s=delays.exertion_s + more[EXERTION])
+    delays, most_s = problem.delays, LATEST_SAMPLES * problem.filters.dt_s
+    return replace(
+        delays,
+        command_s=_limited(delays.command_s + more[COMMAND], most_s),
+        exertion_s=_limited(delays.exertion_s + more[EXERTION], most_s),
+    )
 
 
 def edge_s(problem: Problem) -> float:

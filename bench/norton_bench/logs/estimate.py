@@ -33,16 +33,18 @@ SHRINKS = 2
 
 @dataclass(frozen=True)
 class Estimated:
-    """``problem`` has the delays of the chosen model; ``rungs`` those of the first fit, and each a correction."""
+    """``problem`` has the delays of the chosen model, ``compared`` those of the first fit, which all ``rungs`` but the
+    chosen one were fitted to, each with a correction."""
 
     problem: Problem
+    compared: Problem
     rungs: tuple[Rung, ...]
     chosen: Rung
 
     def again(self, problem: Problem, chosen: Rung) -> "Estimated":
         """With the chosen model fitted anew."""
         rungs = tuple(chosen if rung.name == chosen.name else rung for rung in self.rungs)
-        return Estimated(problem, rungs, chosen)
+        return replace(self, problem=problem, rungs=rungs, chosen=chosen)
 
 
 def comparable(near: NearRest, family: Sequence[FrictionModel]) -> tuple[tuple[FrictionModel, ...], str]:
@@ -88,7 +90,7 @@ def estimated(
         near = NearRest.of(begun(problem))
         problem = near.weighted(_first(near, candidates).excess)
     rungs = ladder(problem.equation, candidates, problem.train)
-    return _unshrunk(_settled(_tensed(Estimated(problem, rungs, choose(rungs))), again))
+    return _unshrunk(_settled(_tensed(Estimated(problem, problem, rungs, choose(rungs))), again))
 
 
 def _first(near: NearRest, candidates: Sequence[FrictionModel]) -> WeightedFit:

@@ -13,11 +13,11 @@ from norton_bench.errors import UsageError
 from norton_bench.identification.friction_laws import FILMS, family_for
 from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
-from norton_bench.identification.ladder import Rung, selected
+from norton_bench.identification.ladder import Rung, held, selected
 from norton_bench.logs import delays as late
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
-from norton_bench.logs.estimate import comparable, estimated
+from norton_bench.logs.estimate import Estimated, comparable, estimated
 from norton_bench.logs.grid import Stretch, common_interval, stretches
 from norton_bench.logs.log import Log, read_log, usable_rows
 from norton_bench.logs.near_rest import NearRest
@@ -175,8 +175,8 @@ def fit_logs(request: Request) -> LogFit:
         moved, _ = _on_grid(others, column_map, train, test)
         return make_problem(column_map, Readings.of(column_map, moved, _splits(moved, train, test)))
 
-    doubts = _doubts(column_map, logs, result.problem, result.chosen, again)
-    judged = Judged(column_map, result.problem, result.rungs, result.chosen, doubts, tuple(remarks))
+    doubts = _doubts(column_map, logs, result, again)
+    judged = Judged(column_map, result, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 
@@ -273,16 +273,18 @@ def _chosen(request: Request, rungs: Sequence[Rung]) -> Rung:
 def _doubts(
     column_map: ColumnMap,
     logs: Sequence[Log],
-    problem: Problem,
-    chosen: Rung,
+    fitted: Estimated,
     again: Callable[[Sequence[Log]], Problem],
 ) -> tuple[str, ...]:
+    problem, chosen = fitted.problem, fitted.chosen
     basic = Basic.of(problem)
     left = chosen.train_rms / max(variation(problem), 1e-300)
     units = [*unlike_derivative(problem.stretches, problem.filters), *unlike_link(problem.stretches)]
     if units:
         return tuple(units)  # which say themselves what is swapped
     result = [*ahead_of_goal(problem.stretches, problem.filters)]
+    if not held(chosen, selected(fitted.rungs)):
+        return tuple(result)  # what a law lacks looks like many a mistake
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
     result = result or [*wrong_signs(basic.with_contact(chosen.fit), column_map, ratio)]
     if column_map.model.refine is None:

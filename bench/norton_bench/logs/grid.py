@@ -1,7 +1,7 @@
 """A log on a uniform grid: cut into stretches where it has gaps, resampled where its clock is uneven."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -65,11 +65,22 @@ class Filters:
         sos = signal.butter(4, self.cutoff_hz, fs=1 / self.dt_s, output="sos")
         return np.asarray(signal.sosfiltfilt(sos, values))
 
-    def noise(self, logged: FloatArray, sound: BoolArray) -> float:
-        """The deviation of white noise in what was logged (n,), of which the low-pass takes off a known part."""
-        pulse, passed = _pulse(self)
-        taken = logged - self.smooth(logged)
-        return float(np.std(taken[sound]) / np.linalg.norm(pulse - passed))
+    def noise(self, part: "Stretch", name: str, sound: BoolArray) -> float:
+        """The deviation of white noise in a column as it was logged, of which the low-pass takes off a known part.
+
+        Where the log was brought to a grid, the spline has taken some of it off before: how much, such noise shows.
+        """
+
+        def taken(values: FloatArray) -> FloatArray:
+            return values - self.smooth(values)
+
+        if part.logged_s is None:
+            pulse, passed = _pulse(self)
+            left = float(np.linalg.norm(pulse - passed))
+        else:
+            white = np.random.default_rng(0).standard_normal(part.logged_s.size)
+            left = float(np.std(taken(part.on_grid(name, white))[sound]))
+        return float(np.std(taken(part.columns[name])[sound])) / left
 
     def response(self, order: int) -> FloatArray:
         """Of the low-pass to one sample of size 1, derived ``order`` times, (2 m + 1,)."""
@@ -142,13 +153,30 @@ LEAP_AROUND = 3
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of one log without a gap, every ``dt_s``; arrays (n,). ``sound`` says where sensors can be trusted."""
+    """A part of one log without a gap, every ``dt_s``; arrays (n,). ``sound`` says where sensors can be trusted.
+
+    ``logged_s`` (m,) are the instants of its rows in the log, None where these are the grid.
+    """
 
     log: Log
     dt_s: float
     time_s: FloatArray
     columns: Mapping[str, FloatArray]
     sound: BoolArray
+    logged_s: FloatArray | None = None
+
+    def on_grid(self, name: str, values: FloatArray) -> FloatArray:
+        """What becomes of ``values`` (m,) in the rows of the log, in the column of this name, (n,)."""
+        if self.logged_s is None:
+            return values
+        return _at(name, self.logged_s + self.log.shifts_s.get(name, 0.0), values, self.time_s)
+
+    def in_log(self, name: str, column: FloatArray) -> FloatArray:
+        """A column of the grid (n,) at the instants of the rows of the log, (m,); flat beyond its ends."""
+        if self.logged_s is None:
+            return column
+        at = np.clip(self.logged_s + self.log.shifts_s.get(name, 0.0), self.time_s[0], self.time_s[-1])
+        return _at(name, self.time_s, column, at)
 
     @property
     def motion_name(self) -> str:
@@ -223,10 +251,9 @@ def _stretch(log: Log, dt_s: float, part: slice, wrong: BoolArray) -> Stretch:
     if even and not log.shifts_s:
         return Stretch(log, dt_s, time_s, columns, ~wrong[part])
     grid = time_s if even else time_s[0] + dt_s * np.arange(int((time_s[-1] - time_s[0]) / dt_s + 1e-6) + 1)
-    shifted = {name: time_s + log.shifts_s.get(name, 0.0) for name in columns}
-    moved = {name: _at(name, shifted[name], values, grid) for name, values in columns.items()}
     sound = np.interp(grid, time_s, wrong[part].astype(np.float64)) == 0.0
-    return Stretch(log, dt_s, grid, moved, sound)
+    bare = Stretch(log, dt_s, grid, {}, sound, time_s)
+    return replace(bare, columns={name: bare.on_grid(name, values) for name, values in columns.items()})
 
 
 def _at(name: str, time_s: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:

@@ -191,4 +191,4 @@ def _velocity_deviation(stretch: Stretch, filters: Filters) -> float:
     """Of the filtered velocity, by the noise in what was logged."""
     name = stretch.motion_name
     response = filters.response(1 if name == "position" else 0)
-    return filters.noise(stretch.columns[name], stretch.sound) * float(np.linalg.norm(response))
+    return filters.noise(stretch, name, stretch.sound) * float(np.linalg.norm(response))

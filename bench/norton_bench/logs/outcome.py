@@ -14,6 +14,7 @@ from norton_bench.logs.between import compared, widened
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
+from norton_bench.logs.estimate import Estimated
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.link import spring_of
 from norton_bench.logs.motion import Motion
@@ -136,11 +137,10 @@ def _table(problem: Problem, fit: FrictionFit) -> Table:
     """Friction of velocity alone, from next to nothing on."""
     fastest = FASTEST * float(np.max(np.abs(problem.equation.path.velocity)))
     speeds = fastest * np.geomspace(1e-7, 1.0, SPEEDS)
-    coefficients = fit.values[len(problem.equation.names) : len(problem.equation.names) + len(fit.model.terms)]
     sides = []
     for sign in (1.0, -1.0):
         path = Path(problem.filters.dt_s, np.zeros(SPEEDS), sign * speeds, np.zeros(1, dtype=np.int64))
-        sides.append(sign * coefficients @ fit.model.columns(path, fit.shape))
+        sides.append(sign * fit.strengths @ fit.model.columns(path, fit.shape))
     return Table(speeds, np.stack(sides))
 
 
@@ -172,11 +172,26 @@ class Judged:
     """
 
     column_map: ColumnMap
-    problem: Problem
-    rungs: tuple[Rung, ...]
-    chosen: Rung
+    fitted: Estimated
     doubts: tuple[str, ...]
     remarks: tuple[str, ...]
+
+    @property
+    def problem(self) -> Problem:
+        return self.fitted.problem
+
+    @property
+    def chosen(self) -> Rung:
+        return self.fitted.chosen
+
+    @property
+    def best(self) -> Rung:
+        """Of all laws, whichever was asked for."""
+        return selected(self.fitted.rungs)
+
+    def fitted_to(self, rung: Rung) -> Problem:
+        """The equation that one law was fitted to."""
+        return self.problem if rung.name == self.chosen.name else self.fitted.compared
 
     @property
     def exertion_errors(self) -> list[ErrorFigures | None]:
@@ -186,7 +201,7 @@ class Judged:
 
     def outdone(self, rung: Rung) -> bool:
         """Whether the law that was selected leaves so much less on held-out parts that this one does not hold."""
-        return not held(rung, selected(self.rungs))
+        return not held(rung, self.best)
 
 
 def outcome(judged: Judged) -> LogFit:
@@ -194,10 +209,10 @@ def outcome(judged: Judged) -> LogFit:
     column_map, problem = judged.column_map, judged.problem
     parts = compared(problem, judged.chosen.fit)
     fit = widened(judged.chosen.fit, parts)
-    doubtful, outdone = bool(judged.doubts), judged.outdone(judged.chosen)
+    doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
-    estimates, verdict = _estimates(judged, fit, outdone=outdone)
+    estimates, verdict = _estimates(judged, judged.chosen, fit)
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
@@ -214,8 +229,6 @@ def outcome(judged: Judged) -> LogFit:
     ]
     sentences = [*judged.doubts, *said, *map(words, together), *_uncertain([*untold, *spring])]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit))
-    back_emf = _back_emf(column_map, problem, fit)
-    total = totals(problem, fit, column_map.units, back_emf=back_emf, believed=not doubtful)
     return LogFit(
         model=judged.chosen.name,
         estimates=(*estimates, *spring),
@@ -224,9 +237,9 @@ def outcome(judged: Judged) -> LogFit:
         doubtful=doubtful,
         train=train,
         test=test,
-        ladder=tuple(_step(judged, rung) for rung in judged.rungs),
+        ladder=tuple(_step(judged, rung) for rung in judged.fitted.rungs),
         exertion=_trace(problem, fit, column_map),
-        totals=as_inadequate(total) if outdone else total,
+        totals=_totals(judged, fit),
         alarms=wrong,
         between=parts,
         predictions=predicted,
@@ -260,7 +273,7 @@ def refined(judged: Judged, asked: str | None) -> LogFit:
 
 
 def _outdone(judged: Judged) -> Iterator[str]:
-    chosen, best = judged.chosen, selected(judged.rungs)
+    chosen, best = judged.chosen, judged.best
     if judged.outdone(chosen):
         left, least = (rung.held_out_rms / judged.problem.exertion_rms for rung in (chosen, best))
         yield (
@@ -269,12 +282,32 @@ def _outdone(judged: Judged) -> Iterator[str]:
         )
 
 
-def _estimates(judged: Judged, fit: FrictionFit, *, outdone: bool) -> tuple[tuple[Estimate, ...], list[str]]:
-    """The fit's values as a user wants them, and what is to be said of them."""
-    column_map, problem = judged.column_map, judged.problem
+def _totals(judged: Judged, fit: FrictionFit) -> tuple[Estimate, ...]:
+    """Of the chosen law, which may be outdone by another one."""
+
+    def of(problem: Problem, each: FrictionFit) -> tuple[Estimate, ...]:
+        back_emf = _back_emf(judged.column_map, problem, each)
+        return totals(problem, each, judged.column_map.units, back_emf=back_emf, believed=not judged.doubts)
+
+    result, best = of(judged.problem, fit), judged.best
+    if not judged.outdone(judged.chosen):
+        return result
+    return as_inadequate(result, _by_name(of(judged.fitted_to(best), best.fit)))
+
+
+def _by_name(estimates: Sequence[Estimate]) -> dict[str, Estimate]:
+    return {each.name: each for each in estimates}
+
+
+def _estimates(judged: Judged, rung: Rung, fit: FrictionFit) -> tuple[tuple[Estimate, ...], list[str]]:
+    """The values of a law as a user wants them, and what is to be said of them; ``fit`` is that of the rung, or the
+    same with wider deviations."""
+    column_map, problem, best = judged.column_map, judged.fitted_to(rung), judged.best
     estimates = estimates_of(problem, fit, column_map.units, doubtful=bool(judged.doubts))
-    if outdone:
-        estimates = as_inadequate(estimates)
+    if judged.outdone(rung):
+        right = estimates_of(judged.fitted_to(best), best.fit, column_map.units, doubtful=False)
+        same = {name: each for name, each in _by_name(right).items() if name in problem.equation.names}
+        estimates = as_inadequate(estimates, same)
     verdict: list[str] = []
     log = problem.stretches[0].log
     if column_map.actuator.voltage_driven:
@@ -355,7 +388,7 @@ def _exertion_error(
 
 def _step(judged: Judged, rung: Rung) -> Step:
     scale = judged.problem.exertion_rms
-    estimates, _ = _estimates(judged, rung.fit, outdone=judged.outdone(rung))
+    estimates, _ = _estimates(judged, rung, rung.fit)
     return Step(
         rung.name,
         rung.train_rms / scale,

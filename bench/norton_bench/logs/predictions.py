@@ -50,15 +50,13 @@ def predictions(problem: Problem, fit: FrictionFit, unit: str) -> Predictions:
 def _slopes(problem: Problem, fit: FrictionFit) -> FloatArray:
     """Change of every row's prediction with every value of the fit, shape (values, n)."""
     equation = problem.equation
-    count = len(equation.names)
-    strengths = fit.values[count : count + len(fit.model.terms)]
 
     def friction(shape: FloatArray) -> FloatArray:
         return -equation.process(fit.model.columns(equation.path, shape))
 
     columns = friction(fit.shape)
     rows = [*equation.others, *columns]
-    rows += [strengths @ (friction(changed) - columns) / change for changed, change in fit.moved_shapes()]
+    rows += [fit.strengths @ (friction(changed) - columns) / change for changed, change in fit.moved_shapes()]
     return np.stack(rows)
 
 

@@ -73,10 +73,8 @@ class Readings:
         return self._noise[name]
 
     def _white_noise(self, name: str) -> float:
-        pairs = [
-            (part.columns[name], part.sound & train) for part, train in zip(self.stretches, self.trained, strict=True)
-        ]
-        noise = [self.filters.noise(logged, chosen) ** 2 for logged, chosen in pairs if chosen.any()]
+        pairs = [(part, part.sound & train) for part, train in zip(self.stretches, self.trained, strict=True)]
+        noise = [self.filters.noise(part, name, chosen) ** 2 for part, chosen in pairs if chosen.any()]
         return float(np.sqrt(np.mean(noise)))
 
     @cached_property
@@ -116,11 +114,11 @@ class Readings:
         beyond = np.sqrt(max(white**2 - count**2 / 12, 0.0))
         # What the low-pass of the rows leaves of the counts would be counted to the same again.
         slower_hz = min(self.fastest_hz, self.filters.cutoff_hz)
-        motion = replace(self.filters, cutoff_hz=slower_hz).smooth(part.columns[name])
+        motion = part.in_log(name, replace(self.filters, cutoff_hz=slower_hz).smooth(part.columns[name]))
         draws = []
         for shift in count * np.arange(DRAWS) / DRAWS:
             read = motion + shift + beyond * random.standard_normal(motion.size)
-            error = np.round(read / count) * count - shift - motion
+            error = part.on_grid(name, np.round(read / count) * count - shift - motion)
             draws.append(Motion.of_column(name, error, self.filters).acceleration)
         return np.stack(draws)
 

@@ -146,10 +146,19 @@ def as_doubtful(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
     return tuple(replace(estimate, status=Status.DOUBTFUL) for estimate in estimates)
 
 
-def as_inadequate(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
-    """The same, of a law that another one outdoes: what seems known is so only if the law holds."""
+def as_inadequate(estimates: tuple[Estimate, ...], best: Mapping[str, Estimate]) -> tuple[Estimate, ...]:
+    """The same, of a law that another one outdoes: what seems known is so only where it is the same in the ``best``
+    one's, by its name; friction's own values mean something else there."""
+
+    def agrees(one: Estimate) -> bool:
+        other = best.get(one.name)
+        return other is not None and abs(one.value - other.value) <= SURE * np.hypot(one.std, other.std)
+
     known = (Status.VALID, Status.UNEXCITED)
-    return tuple(replace(each, status=Status.INADEQUATE) if each.status in known else each for each in estimates)
+    return tuple(
+        replace(each, status=Status.INADEQUATE) if each.status in known and not agrees(each) else each
+        for each in estimates
+    )
 
 
 def _is_none(estimate: Estimate) -> bool:

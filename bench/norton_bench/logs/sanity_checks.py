@@ -160,16 +160,22 @@ def out_of_step(problem: Problem, fit: FrictionFit, column_map: ColumnMap) -> It
 
 def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[str]:
     """A weight that the map does not know, which some law of friction, or a delay, may have been taken for; ``problem``
-    is the equation without delays."""
+    is the equation without delays. A load beyond a sensor at the port may hang as it likes: where the angle alone
+    tells more of the torque there than the equation does, it is that."""
     known = column_map.model.gravity or column_map.translation or problem.terms[0].load is not None
     if known or not left > MUCH:
         return
     equation, rows = problem.equation, problem.train
     angle = equation.path.position
     weight = equation.process(np.stack([np.sin(angle), np.cos(angle)]))
+    alone = np.concatenate([weight, np.ones((1, weight.shape[1]))])[:, rows]
     columns, target = np.concatenate([_columns(problem), weight])[:, rows], equation.target[rows]
-    beside = _rms(target - linear_solution(columns, target) @ columns) / max(variation(problem), 1e-300)
-    if beside**2 < BETTER * left**2:
+    beside, by_angle = (
+        _rms(target - linear_solution(each, target) @ each) / max(variation(problem), 1e-300)
+        for each in (columns, alone)
+    )
+    of_load = problem.terms[0].port is not None and by_angle < left
+    if beside**2 < BETTER * left**2 and not of_load:
         yield (
             f"A torque goes with the angle, as a weight does: with it {beside:.1%} of the exertion would be left, and "
             f"not {left:.1%}; write [model] gravity = true, or a known [load]."

@@ -57,15 +57,13 @@ def tensed(problem: Problem, fit: FrictionFit) -> Problem:
 def _tensed(problem: Problem, path: Path, scout: FrictionFit) -> Path:
     """The path with the share of its strength that the contact has at each start, as the first rows after it tell."""
     equation = problem.equation
-    count = len(equation.names)
-    rest = equation.target - scout.values[:count] @ equation.others
-    strengths = scout.values[count : count + len(scout.model.terms)]
+    rest = equation.target - scout.values[: len(equation.names)] @ equation.others
     rows = _first_rows(problem, path.starts)
     usual = path.begin[path.starts]
 
     def left(shares: FloatArray) -> FloatArray:
         friction = equation.process(scout.model.columns(replace(path, shares=shares), scout.shape))
-        error = (rest + strengths @ friction) ** 2
+        error = (rest + scout.strengths @ friction) ** 2
         return np.array([float(np.mean(error[each])) if each.size else 0.0 for each in rows])
 
     best = np.zeros(path.starts.size)

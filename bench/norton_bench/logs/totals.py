@@ -26,13 +26,12 @@ def totals(
     weights = _lines(problem, fit, fit.shape)
     count = len(problem.equation.names)
     terms = len(fit.model.terms)
-    strengths = fit.values[count : count + terms]
     slopes = np.zeros((2, len(fit.names)))
     slopes[:, count : count + terms] = weights
     for index, (changed, change) in enumerate(fit.moved_shapes()):
-        slopes[:, count + terms + index] = (_lines(problem, fit, changed) - weights) @ strengths / change
+        slopes[:, count + terms + index] = (_lines(problem, fit, changed) - weights) @ fit.strengths / change
     covariance = slopes @ fit.covariance @ slopes.T
-    values = weights @ strengths - np.array([0.0, back_emf])
+    values = weights @ fit.strengths - np.array([0.0, back_emf])
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     exertion, speed = units.exertion, f"{units.motion}/s"
     damping = {"rad/s": "N*m*s/rad", "m/s": "N*s/m"}[speed]

@@ -99,10 +99,12 @@ def test_a_contact_that_deflects_is_no_wrong_sign(tmp_path: Path, deflecting: di
 
 
 def test_what_a_law_says_that_another_one_outdoes_is_inadequate(tmp_path: Path, deflecting: dict) -> None:
-    """Its delay, too: that stands for the hysteresis which the law lacks."""
+    """Its delay, too, which stands for the hysteresis that the law lacks."""
     fit = fit_of(tmp_path, deflecting, ANY_LAW, model="coulomb-viscous")
     assert any("coulomb-viscous does not describe this friction" in said and "dahl" in said for said in fit.verdict)
-    assert Status.VALID not in {each.status for each in (*fit.estimates, *fit.totals)}
+    for name in ("coulomb_torque", "viscous_damping", "inertia", "command_shift"):
+        assert estimate(fit, name).status is Status.INADEQUATE, name
+    assert {each.status for each in fit.totals} == {Status.INADEQUATE}
     steps = {step.model: {each.status for each in step.estimates} for step in fit.ladder}
     assert Status.INADEQUATE in steps["coulomb-viscous"]
     assert Status.VALID in steps["dahl"]

@@ -37,11 +37,14 @@ def check_emps(fit: LogFit, looser: float = 1.0) -> None:
     for name, (published, share) in EMPS.items():
         found = estimate(fit, name)
         assert found.value == pytest.approx(published, rel=share * looser)
-        assert found.status is Status.VALID
 
 
 def test_emps_is_what_its_authors_published(emps: LogFit) -> None:
+    """But their law does not hold: what other laws agree in is known all the same."""
     check_emps(emps)
+    assert estimate(emps, "inertia").status is Status.VALID
+    assert {each.status for each in emps.totals} == {Status.VALID}
+    assert {estimate(emps, name).status for name in ("coulomb_torque", "viscous_damping")} == {Status.INADEQUATE}
     assert emps.train.exertion is not None
     assert emps.train.exertion.relative <= 0.0408
     by_model = {step.model: step for step in emps.ladder}
