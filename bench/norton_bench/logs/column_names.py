@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from norton_bench.logs.files import Content, plain_unit, split_unit
 from norton_bench.logs.joints import JOINT
+from norton_bench.units import conversion
 
 # What a column holds, by its name without case, in the order in which they are asked: a "position goal" is a goal, a
 # "torque command" a command.
@@ -40,13 +41,34 @@ def kind_of_column(name: str) -> str | None:
     return next((what for what, pattern in NAMES.items() if any(re.search(pattern, name) for name in names)), None)
 
 
-def unit_in_name(bare: str, behind: str) -> str:
-    """The unit behind a name, or at its end; empty where neither is one."""
+# What a column may be measured in; a command in anything.
+SUIT: Mapping[str, tuple[str, ...]] = {
+    "time": ("s",), "position": ("rad", "m"), "goal": ("rad", "m"), "velocity": ("rad/s", "m/s"),
+    "exertion": ("N*m", "N", "A"), "temperature": ("degC",),
+}  # fmt: skip
+
+
+def unit_in_name(what: str, bare: str, behind: str) -> str:
+    """The unit behind the name of a column that holds ``what``, or at its end, if it suits that ("tau_m" is the torque
+    of a motor); empty where neither is one."""
     try:
         return "" if behind.isdigit() else plain_unit(behind)  # of "position[1]" it is the joint
     except ValueError:
         ending = next((each for each in ENDINGS if bare.lower().endswith(f"_{each}")), None)
-        return ENDINGS[ending] if ending else ""
+        return ENDINGS[ending] if ending and suits(ENDINGS[ending], *SUIT.get(what, (ENDINGS[ending],))) else ""
+
+
+def suits(unit: str, *others: str) -> bool:
+    """Whether a value in ``unit`` can be given in one of the others."""
+
+    def can(other: str) -> bool:
+        try:
+            conversion(unit, other)
+        except ValueError:
+            return False
+        return True
+
+    return any(map(can, others))
 
 
 # position[elbow], interface_values[elbow]/values[position], q[0]; names of joints may have brackets themselves.

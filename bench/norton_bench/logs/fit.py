@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -171,11 +171,11 @@ def fit_logs(request: Request) -> LogFit:
         lambda rungs: _chosen(request, rungs),
     )
 
-    def again(others: Sequence[Log]) -> Problem:
+    def readings_of(others: Sequence[Log]) -> Readings:
         moved, _ = _on_grid(others, column_map, train, test)
-        return make_problem(column_map, Readings.of(column_map, moved, _splits(moved, train, test)))
+        return Readings.of(column_map, moved, _splits(moved, train, test))
 
-    doubts = _doubts(column_map, logs, result, again)
+    doubts = _doubts(column_map, logs, result, readings_of)
     judged = Judged(column_map, result, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
@@ -274,8 +274,11 @@ def _doubts(
     column_map: ColumnMap,
     logs: Sequence[Log],
     fitted: Estimated,
-    again: Callable[[Sequence[Log]], Problem],
+    readings_of: Callable[[Sequence[Log]], Readings],
 ) -> tuple[str, ...]:
+    def again(others: Sequence[Log]) -> Problem:
+        return make_problem(column_map, readings_of(others))
+
     problem, chosen = fitted.problem, fitted.chosen
     basic = Basic.of(problem)
     left = chosen.train_rms / max(variation(problem), 1e-300)
@@ -285,6 +288,12 @@ def _doubts(
     result = [*ahead_of_goal(problem.stretches, problem.filters)]
     if not held(chosen, selected(fitted.rungs)):
         return tuple(result)  # what a law lacks looks like many a mistake
+    if (
+        not result
+        and column_map.model.refine is None
+        and (apart := _apart(column_map, logs, fitted, left, readings_of))
+    ):
+        return apart
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
     result = result or [*wrong_signs(basic.with_contact(chosen.fit), column_map, ratio)]
     if column_map.model.refine is None:
@@ -293,8 +302,29 @@ def _doubts(
         hung = () if result else tuple(hanging(again(logs), left, column_map))
         if hung:
             return hung
-        apart = () if result else tuple(scales_apart(problem, left))
-        if apart:
-            return apart
         result = result or [*unexplained(basic, left)]
     return (*result, *(swapped(logs, basic, again) if result else ()))
+
+
+def _apart(
+    column_map: ColumnMap,
+    logs: Sequence[Log],
+    fitted: Estimated,
+    left: float,
+    readings_of: Callable[[Sequence[Log]], Readings],
+) -> tuple[str, ...]:
+    """Where both a gain and a torque are known, the same law with the gain left open."""
+    first, key = fitted.problem.terms[0], ("actuator", "torque_gain")
+    measured = first.port is not None or first.load is not None
+    if first.gain is None or not measured or not column_map.model.inertia or column_map.model.refine is not None:
+        return ()
+    bare = [replace(log, givens={each: value for each, value in log.givens.items() if each != key}) for log in logs]
+    readings = readings_of(bare)
+    freed = estimated(
+        lambda delays: make_problem(column_map, readings, delays),
+        late.sought(column_map),
+        lambda _: (fitted.chosen.model,),
+        lambda rungs: rungs[0],
+    )
+    basic = Basic.of(fitted.problem).with_contact(fitted.chosen.fit)
+    return tuple(scales_apart(first.gain, freed.problem, freed.chosen.fit, basic, left))

@@ -6,7 +6,7 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 from scipy.interpolate import make_interp_spline
 
 from norton_bench.arrays import BoolArray, FloatArray
@@ -71,16 +71,20 @@ class Filters:
         Where the log was brought to a grid, the spline has taken some of it off before: how much, such noise shows.
         """
 
+        # What was read wrong rings in the low-pass.
+        settled = ndimage.binary_erosion(sound, iterations=self.margin)
+        used = settled if settled.any() else sound
+
         def taken(values: FloatArray) -> FloatArray:
-            return values - self.smooth(values)
+            return (values - self.smooth(values))[used]
 
         if part.logged_s is None:
             pulse, passed = _pulse(self)
             left = float(np.linalg.norm(pulse - passed))
         else:
             white = np.random.default_rng(0).standard_normal(part.logged_s.size)
-            left = float(np.std(taken(part.on_grid(name, white))[sound]))
-        return float(np.std(taken(part.columns[name])[sound])) / left
+            left = float(np.std(taken(part.on_grid(name, white))))
+        return float(np.std(taken(part.columns[name]))) / left
 
     def response(self, order: int) -> FloatArray:
         """Of the low-pass to one sample of size 1, derived ``order`` times, (2 m + 1,)."""

@@ -5,8 +5,9 @@ It is a beginning that its reader must check: the sentences say what was taken f
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError, nearest
 from norton_bench.logs.column_map import LogSection, parse_map
-from norton_bench.logs.column_names import DRIVE, joints_of, kind_of_column, unit_in_name
+from norton_bench.logs.column_names import DRIVE, joints_of, kind_of_column, suits, unit_in_name
 from norton_bench.logs.equation import make_problem
 from norton_bench.logs.files import Content, kind_of, read_file, split_unit
 from norton_bench.logs.grid import common_interval, stretches
@@ -29,7 +30,7 @@ from norton_bench.units import conversion
 CLOCKS = (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
 SLOWEST_S = 0.5
 # Velocity over the derivative of position as it stands, where units were not told; and how near is near.
-RATIOS = ((1.0, None, None), (180 / np.pi, "rad", "deg/s"), (np.pi / 180, "deg", "rad/s"), (30 / np.pi, "rad", "rpm"))
+ANGLES, SPEEDS = ("rad", "deg", "rev"), ("rad/s", "deg/s", "rpm")
 NEAR = 0.1
 # The effort of sensor_msgs/JointState, which is in N·m or N.
 EFFORT = re.compile(r"(^|/)effort(\[|$)")
@@ -116,7 +117,7 @@ def _columns(content: Content, own: Mapping[str, str]) -> tuple[dict[str, Guess]
         if what is None or (content.times_s and (what == "time" or np.ptp(array) == 0)):
             continue
         if what not in guesses:
-            guesses[what] = Guess(name, unit_in_name(bare, behind))
+            guesses[what] = Guess(name, unit_in_name(what, bare, behind))
         elif name in own or not content.times_s or what in DRIVE:
             sentences.append(f'"{name}" may be the {what} too; "{guesses[what].name}" is taken.')
     return _effort(guesses, sentences), sentences
@@ -227,15 +228,26 @@ def _velocity(content: Content, time_s: FloatArray, result: dict[str, Guess]) ->
         sentences.append(f'"{velocity.name}" runs against "{position.name}": its sign is turned.')
     if position.unit and velocity.unit:
         return sentences
-    for ratio, of_position, of_velocity in RATIOS:
-        if abs(factor / ratio - 1) < NEAR and of_position is not None:
-            result["position"] = replace(position, unit=position.unit or of_position)
-            result["velocity"] = replace(velocity, unit=velocity.unit or str(of_velocity))
+    for of_position, of_velocity in _pairs(position.unit, velocity.unit):
+        if abs(factor / (conversion(of_position, "rad")[0] / conversion(of_velocity, "rad/s")[0]) - 1) < NEAR:
+            result["position"] = replace(position, unit=of_position)
+            result["velocity"] = replace(velocity, unit=of_velocity)
             sentences.append(
                 f'"{velocity.name}" is {factor:.3g} times the derivative of "{position.name}": they are taken to be in '
-                f"{result['velocity'].unit} and {result['position'].unit}."
+                f"{of_velocity} and {of_position}."
             )
+            break
     return sentences
+
+
+def _pairs(of_position: str, of_velocity: str) -> Iterator[tuple[str, str]]:
+    """Units of an angle and of its speed that the factor between them tells apart; the likelier first. Where neither is
+    known, the same factor is none that tells."""
+    if (of_position and not suits(of_position, "rad")) or (of_velocity and not suits(of_velocity, "rad/s")):
+        return
+    for angle, speed in product([of_position] if of_position else ANGLES, [of_velocity] if of_velocity else SPEEDS):
+        if of_position or of_velocity or speed != f"{angle}/s":
+            yield angle, speed
 
 
 def _translation(guesses: Mapping[str, Guess]) -> bool:

@@ -194,18 +194,21 @@ def without_scale(estimates: tuple[Estimate, ...], units: Units) -> tuple[tuple[
     )
     nan = float("nan")
     blank = tuple(
-        replace(estimate, value=nan, std=nan, status=Status.RATIO_ONLY)
-        if estimate in known and estimate.status is Status.VALID
-        else estimate
+        replace(estimate, value=nan, std=nan, status=_of_ratio(estimate.status)) if estimate in known else estimate
         for estimate in (Estimate("torque_gain", 1.0, 0.0, units.gain, Status.VALID), *estimates)
     )
     gain = replace(blank[0], value=nan, std=nan, status=Status.RATIO_ONLY)
     sentence = (
         "No torque was measured and no gain or load is known: torque gain, inertia, damping and friction are known "
-        f"only up to a common factor; give [actuator] torque_gain, or a known [load], to fix it. Known are {ratios} "
-        f"(per {units.drive or 'unit of command'})."
+        "only up to a common factor; give [actuator] torque_gain, or a known [load], to fix it."
     )
+    if ratios:
+        sentence += f" Known are {ratios} (per {units.drive or 'unit of command'})."
     return (gain, *blank[1:]), sentence
+
+
+def _of_ratio(status: Status) -> Status:
+    return Status.RATIO_ONLY if status is Status.VALID else status
 
 
 def back_emf_damping(gain: float, resistance_ohm: float) -> float:

@@ -21,6 +21,7 @@ from norton_bench.logs.equation import TORQUE_GAIN, Problem
 from norton_bench.logs.grid import Filters, Stretch, slope
 from norton_bench.logs.log import Log
 from norton_bench.logs.results import ErrorFigures
+from norton_bench.models.parameters import HALF_INTERVAL
 
 # Beyond these many deviations a sign is no accident.
 SIGNIFICANT = 3.0
@@ -125,6 +126,8 @@ def wrong_signs(basic: Basic, column_map: ColumnMap, gear_ratio: float | None) -
     columns = column_map.columns
     driver = "exertion" if columns.exertion is not None else "command"
     mend = f"turn the sign of {driver} or of the motion in [columns] (sign = -1)"
+    if driver == "exertion" and column_map.actuator.torque_gain is not None:
+        mend += ", or check [actuator] torque_gain: with too small a gain the motor seems lighter than it is"
     turned = columns.command is not None and columns.command.side == "motor" and (gear_ratio or 1.0) < 0
     if basic.gain is not None and (-basic.gain if turned else basic.gain) < -SIGNIFICANT:
         yield f"A positive command drives the shaft backwards: {mend.replace(driver, 'command')}."
@@ -182,24 +185,20 @@ def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[st
         )
 
 
-def scales_apart(problem: Problem, left: float) -> Iterator[str]:
-    """A torque gain that the sensor at the port, or the known load, does not bear out."""
-    first = problem.terms[0]
-    drive = problem.joined("drive")
-    if first.gain is None or drive is None or (first.port is None and first.load is None):
-        return
-    equation, rows = problem.equation, problem.train
-    target = (equation.target + first.gain * equation.process(drive[None, :])[0])[rows]
-    columns = np.concatenate([_columns(problem), equation.process(drive[None, :])])[:, rows]
-    linear = linear_solution(columns, target)
-    residual = target - linear @ columns
-    deviation = float(np.sqrt(sandwich(columns.T, residual, equation.time_s[rows])[-1, -1]))
-    beside, gain = _rms(residual) / max(variation(problem), 1e-300), float(linear[-1])
-    if beside**2 < BETTER * left**2 and abs(gain - first.gain) > SIGNIFICANT * deviation:
+def scales_apart(given: float, freed: Problem, fit: FrictionFit, basic: Basic, left: float) -> Iterator[str]:
+    """A torque gain that the sensor at the port, or the known load, does not bear out: with another one, ``fit`` of the
+    problem ``freed``, far less is left, or no sign is wrong. ``basic`` and ``left`` are those of the gain ``given``."""
+    deviations = dict(zip(fit.names, fit.deviations.tolist(), strict=True))
+    gain, std = fit.value(TORQUE_GAIN), deviations[TORQUE_GAIN]
+    beside = fit.rms / max(variation(freed), 1e-300)
+    mends = not basic.sound and fit.value("inertia") > SIGNIFICANT * deviations["inertia"]
+    # A gain of the other sign is the sign's matter.
+    apart = gain / given > 0 and abs(gain - given) > SIGNIFICANT * std
+    if apart and (mends or beside**2 < BETTER * left**2):
         yield (
-            f"{'Exertion' if first.port is not None else 'The known load'} says that torque_gain is {gain:.3g}, "
-            f"{gain / first.gain:.3g} times what is given: with it {beside:.1%} of the exertion would be left, and not "
-            f"{left:.1%}. Check the units and scales of both, or leave [actuator] torque_gain out to have it estimated."
+            f"{'Exertion' if freed.terms[0].port is not None else 'The known load'} says that torque_gain is "
+            f"{gain:.4g} ± {HALF_INTERVAL * std:.2g}, and {given:.4g} is given: check the units and scales of both, or "
+            "leave [actuator] torque_gain out to have it estimated."
         )
 
 

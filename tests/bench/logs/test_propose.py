@@ -69,12 +69,13 @@ def test_a_velocity_that_is_none_is_left_out_and_a_second_joint_named(tmp_path: 
         ("angle_rev", "position", "rev"),
         ("torque_mNm", "exertion", "mN*m"),
         ("F", "exertion", ""),
+        ("tau_m", "exertion", ""),
         ("speed_deg_s", "velocity", "deg/s"),
     ],
 )
 def test_short_names_with_their_units(name: str, what: str, unit: str) -> None:
     assert kind_of_column(name) == what
-    assert unit_in_name(name, "") == unit
+    assert unit_in_name(what, name, "") == unit
 
 
 def test_a_voltage_is_in_volts_and_the_word_sample_is_no_time(tmp_path: Path) -> None:
