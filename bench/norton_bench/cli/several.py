@@ -44,7 +44,8 @@ def _between(fit: LogFit) -> dict[str, Any] | None:
     if fit.between is None or not fit.between.each:
         return None
     return {
-        one.name: {"values": one.values.tolist(), "stds": one.stds.tolist(), "p": one.p} for one in fit.between.each
+        one.name: {"values": one.values.tolist(), "stds": one.stds.tolist(), "p": one.p, "odd": one.odd}
+        for one in fit.between.each
     }
 
 

@@ -1,6 +1,6 @@
 """Parts of the training data fitted apart: what differs between them more than they should enters the intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.ladder import fit_friction
 from norton_bench.identification.statistics import combine
+from norton_bench.logs.delays import COMMAND, EXERTION, edge_s
 from norton_bench.logs.equation import Problem
 
 # Parts that one record is cut into, and how many rows a part must have for each number that is fitted to it.
@@ -17,23 +18,56 @@ PARTS = 4
 ROWS_A_NUMBER = 10
 # Chance alone seldom gives such a difference.
 SELDOM = 0.05
+# One of several parts stands out if it alone is so many deviations from the others, which agree.
+STANDS_OUT = 3.0
 # Knots of a line and elements of a contact are those of their own time and displacement.
 OF_A_PART = ("offset_", "slip_torque")
 
 
 @dataclass(frozen=True)
+class Part:
+    """A fit of one part: ``values`` and their deviations by name; delays are whole ones."""
+
+    label: str
+    values: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, label: str, problem: Problem, fit: FrictionFit) -> "Part":
+        done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
+        edge = dict.fromkeys(done, edge_s(problem))
+        triples = zip(fit.names, fit.values.tolist(), fit.deviations.tolist(), strict=True)
+        return cls(label, {n: (v + done.get(n, 0.0), float(np.hypot(s, edge.get(n, 0.0)))) for n, v, s in triples})
+
+
+@dataclass(frozen=True)
 class Between:
-    """One value in each part: shapes (parts,). ``p`` is how often chance alone gives such differences."""
+    """One value in each part: shapes (parts,), and in all of them ``together``. ``p`` is how often chance alone gives
+    such differences, ``scatter_std`` the deviation that they mean, 0 where there are none; ``odd`` the part that stands
+    out, if one does."""
 
     name: str
     values: FloatArray
     stds: FloatArray
+    together: float
     p: float
-    widened_std: float
+    scatter_std: float
+    odd: str = ""
 
     @property
     def differs(self) -> bool:
         return self.p < SELDOM
+
+    @property
+    def told(self) -> str:
+        """The values, and whose stands out."""
+        values = ", ".join(f"{value:.4g}" for value in self.values)
+        return f"{self.name.replace('_', ' ')} {values}{f' ({self.odd} stands out)' if self.odd else ''}"
+
+    @property
+    def of_none(self) -> bool:
+        """Whether the value of all parts together lies beyond that of every part."""
+        low, high = (self.values + side * STANDS_OUT * self.stds for side in (-1, 1))
+        return bool(self.together < np.min(low) or self.together > np.max(high))
 
 
 @dataclass(frozen=True)
@@ -51,12 +85,18 @@ class Compared:
         apart = [one for one in self.each if one.differs]
         if not apart:
             return f"{self.what} agree: each fitted apart, no value differs by more than its deviations allow."
-        told = "; ".join(
-            f"{one.name.replace('_', ' ')} {', '.join(f'{value:.4g}' for value in one.values)}" for one in apart
-        )
+        told = "; ".join(one.told for one in apart)
         sentence = f"{self.what} differ by more than their deviations allow, and intervals are widened by that: {told}."
+        odd = sorted({one.odd for one in apart if one.odd})
+        if len(odd) == 1:
+            sentence += f" Leave {odd[0]} out, or fit it apart: it seems to be of another machine, load or sensor."
         drifts = any(one.name == "offset" and _goes_one_way(one.values) for one in apart)
         return f'{sentence} The offset drifts: try [model] drift = "30 s".' if drifts else sentence
+
+    @property
+    def of_none(self) -> frozenset[str]:
+        """The names of values that are together what none of the parts has, nor lies between."""
+        return frozenset(one.name for one in self.each if one.of_none)
 
 
 def _goes_one_way(values: FloatArray) -> bool:
@@ -64,49 +104,75 @@ def _goes_one_way(values: FloatArray) -> bool:
     return bool(steps.size > 1 and (np.all(steps > 0) or np.all(steps < 0)))
 
 
-def compared(problem: Problem, fit: FrictionFit) -> Compared:
-    """The model fitted to each training log or, where there is one, to each quarter of it."""
-    what, groups = _groups(problem)
-    least = ROWS_A_NUMBER * len(fit.names)
-    if len(groups) < 2 or min(np.count_nonzero(rows) for rows in groups) < least:
-        return Compared(what, ())
+def of_logs(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> Compared:
+    """Of all training logs together, and each fitted apart, with delays of its own."""
+    names = ", ".join(part.label for part in parts)
+    return Compared(f"The logs ({names})", tuple(_between(problem, fit, parts)))
+
+
+def of_quarters(problem: Problem, fit: FrictionFit) -> Compared:
+    """The model fitted to each quarter of one training log."""
+    groups = _quarters(problem)
+    if min(np.count_nonzero(rows) for rows in groups) < ROWS_A_NUMBER * len(fit.names):
+        return Compared("", ())
     near = fit.shape if fit.shape.size else None
     fits = [fit_friction(problem.equation, fit.model, rows, near=near) for rows in groups]
-    return Compared(what, tuple(_between(fit, fits)))
+    parts = [Part.of("", problem, each) for each in fits]
+    return Compared("Quarters of the record", tuple(_between(problem, fit, parts)))
 
 
-def _groups(problem: Problem) -> tuple[str, list[BoolArray]]:
+def trained_places(problem: Problem) -> list[str]:
+    """The logs that are trained on."""
     lengths = [len(term.sound) for term in problem.terms]
     place = np.repeat([part.log.place for part in problem.stretches], lengths)[problem.pick]
-    places = list(dict.fromkeys(place[problem.train]))
-    if len(places) > 1:
-        names = ", ".join(Path(each).name for each in places)
-        return f"The logs ({names})", [problem.train & (place == each) for each in places]
+    return list(dict.fromkeys(place[problem.train]))
+
+
+def label_of(place: str) -> str:
+    return Path(place).name
+
+
+def _quarters(problem: Problem) -> list[BoolArray]:
     count = np.cumsum(problem.train)
     part = np.minimum((count - 1) * PARTS // max(int(count[-1]), 1), PARTS - 1)
-    return "Quarters of the record", [problem.train & (part == each) for each in range(PARTS)]
+    return [problem.train & (part == each) for each in range(PARTS)]
 
 
-def _between(fit: FrictionFit, fits: Sequence[FrictionFit]) -> list[Between]:
+def _between(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> list[Between]:
     result = []
-    for index, name in enumerate(fit.names):
-        values = np.array([each.values[index] for each in fits])
-        stds = np.array([each.deviations[index] for each in fits])
+    for name, (value, _) in Part.of("", problem, fit).values.items():
+        pairs = [part.values.get(name, (np.nan, np.nan)) for part in parts]
+        values, stds = (np.array(each) for each in zip(*pairs, strict=True))
         known = np.isfinite(stds) & (stds > 0)
         if name.startswith(OF_A_PART) or name in fit.at_bound or np.count_nonzero(known) < 2:
             continue
         both = combine(values[known], stds[known])
-        std = float(fit.deviations[index])
-        wide = max(std, both.std) if both.p < SELDOM else std
-        result.append(Between(name, values, stds, both.p, wide))
+        differs = both.p < SELDOM
+        odd = _odd(values, stds, [part.label for part in parts]) if known.all() and differs else ""
+        result.append(Between(name, values, stds, value, both.p, both.std if differs else 0.0, odd))
     return result
+
+
+def _odd(values: FloatArray, stds: FloatArray, labels: Sequence[str]) -> str:
+    """Whose value stands out from the others, which agree: empty where there are too few, or none or several do."""
+    result = []
+    for index, label in enumerate(labels):
+        others = np.arange(values.size) != index
+        if label and np.count_nonzero(others) > 1:
+            rest = combine(values[others], stds[others])
+            away = abs(values[index] - rest.value) / np.hypot(stds[index], rest.std)
+            result += [label] if rest.p >= SELDOM and away > STANDS_OUT else []
+    return result[0] if len(result) == 1 else ""
 
 
 def widened(fit: FrictionFit, result: Compared) -> FrictionFit:
     """The fit with deviations that hold what differs between the parts."""
-    stds = {one.name: one.widened_std for one in result.each}
+    stds = {one.name: one.scatter_std for one in result.each}
     deviations = fit.deviations
     factors = np.array(
-        [stds.get(name, std) / std if std > 0 else 1.0 for name, std in zip(fit.names, deviations, strict=True)]
+        [
+            max(stds.get(name, 0.0) / std, 1.0) if std > 0 else 1.0
+            for name, std in zip(fit.names, deviations, strict=True)
+        ]
     )
     return replace(fit, covariance=fit.covariance * np.outer(factors, factors))

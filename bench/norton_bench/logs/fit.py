@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.errors import UsageError
+from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.friction_laws import FILMS, family_for
 from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, held, selected
 from norton_bench.logs import delays as late
+from norton_bench.logs.between import Part, label_of, trained_places
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
 from norton_bench.logs.estimate import Estimated, comparable, estimated
@@ -162,7 +163,11 @@ def fit_logs(request: Request) -> LogFit:
     remarks += sentences
     splits = _splits(parts, train, test)
     if request.test is not None and not any(split[1].any() for split in splits):
-        raise UsageError("--test: no row that is not trained on lies there; choose another part, or a narrower --train")
+        longest_s = max(float(log.time_s[-1]) for log in logs)
+        raise UsageError(
+            f"--test: no row that is not trained on lies there, and the last row is at {longest_s:.4g} s; choose "
+            "another part, or a narrower --train"
+        )
     readings = Readings.of(column_map, parts, splits)
     result = estimated(
         lambda delays: make_problem(column_map, readings, delays),
@@ -176,7 +181,8 @@ def fit_logs(request: Request) -> LogFit:
         return Readings.of(column_map, moved, _splits(moved, train, test))
 
     doubts = _doubts(column_map, logs, result, readings_of)
-    judged = Judged(column_map, result, doubts, tuple(remarks))
+    apart = () if column_map.model.refine is not None else _each_log(column_map, result, readings)
+    judged = Judged(column_map, result, apart, doubts, tuple(remarks))
     return outcome(judged) if column_map.model.refine is None else refined(judged, _asked(request))
 
 
@@ -306,6 +312,35 @@ def _doubts(
     return (*result, *(swapped(logs, basic, again) if result else ()))
 
 
+def _each_log(column_map: ColumnMap, fitted: Estimated, readings: Readings) -> tuple[Part, ...]:
+    """The chosen law fitted to each training log alone, with its own delays; none where there is one, or one that is
+    too short."""
+    places = trained_places(fitted.problem)
+    if len(places) < 2:
+        return ()
+    result = []
+    for place in places:
+        pairs = zip(readings.stretches, readings.splits, strict=True)
+        of_it = [(part, split) for part, split in pairs if part.log.place == place]
+        alone = replace(readings, stretches=tuple(p for p, _ in of_it), splits=tuple(s for _, s in of_it), _noise={})
+        try:
+            each = _by_law(column_map, alone, fitted.chosen.model)
+        except ExperimentError:
+            return ()
+        result.append(Part.of(label_of(place), each.problem, each.chosen.fit))
+    return tuple(result)
+
+
+def _by_law(column_map: ColumnMap, readings: Readings, law: FrictionModel) -> Estimated:
+    """One law alone. Raises ExperimentError where there is too little to fit."""
+    return estimated(
+        lambda delays: make_problem(column_map, readings, delays),
+        late.sought(column_map),
+        lambda _: (law,),
+        lambda rungs: rungs[0],
+    )
+
+
 def _apart(
     column_map: ColumnMap,
     logs: Sequence[Log],
@@ -319,12 +354,6 @@ def _apart(
     if first.gain is None or not measured or not column_map.model.inertia or column_map.model.refine is not None:
         return ()
     bare = [replace(log, givens={each: value for each, value in log.givens.items() if each != key}) for log in logs]
-    readings = readings_of(bare)
-    freed = estimated(
-        lambda delays: make_problem(column_map, readings, delays),
-        late.sought(column_map),
-        lambda _: (fitted.chosen.model,),
-        lambda rungs: rungs[0],
-    )
+    freed = _by_law(column_map, readings_of(bare), fitted.chosen.model)
     basic = Basic.of(fitted.problem).with_contact(fitted.chosen.fit)
     return tuple(scales_apart(first.gain, freed.problem, freed.chosen.fit, basic, left))

@@ -146,8 +146,9 @@ def _check_lengths(place: str, columns: Mapping[str, FloatArray]) -> None:
     if len(set(lengths.values())) > 1:
         message = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise UsageError(f"{place}: its columns differ in length ({message}); map columns that were sampled together")
-    if next(iter(lengths.values())) < LEAST_ROWS:
-        raise UsageError(f"{place}: has {next(iter(lengths.values()))} rows; {LEAST_ROWS} are the least to learn from")
+    count = next(iter(lengths.values()))
+    if count < LEAST_ROWS:
+        raise UsageError(f"{place}: has {count} rows; {LEAST_ROWS} are the least to learn from; use a longer log")
 
 
 MEASURED = ("position", "velocity", "link_position", "exertion", "command")

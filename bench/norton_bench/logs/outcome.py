@@ -6,18 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction_model import FrictionModel, Path, remembers
 from norton_bench.identification.ladder import FrictionFit, Rung, held, selected
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
-from norton_bench.logs.between import compared, widened
+from norton_bench.logs.between import Part, of_logs, of_quarters, widened
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
-from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
+from norton_bench.logs.equation import Problem
 from norton_bench.logs.estimate import Estimated
-from norton_bench.logs.grid import Stretch
 from norton_bench.logs.link import spring_of
-from norton_bench.logs.motion import Motion
 from norton_bench.logs.near_rest import NearRest
 from norton_bench.logs.predictions import predictions
 from norton_bench.logs.results import (
@@ -34,15 +31,10 @@ from norton_bench.logs.results import (
     without_scale,
 )
 from norton_bench.logs.sanity_checks import UNEXPLAINED, astray
-from norton_bench.logs.steps import Axis, Inputs, Load, Motor, Table, simulate
+from norton_bench.logs.simulated_motion import motion_errors
 from norton_bench.logs.totals import totals
 from norton_bench.models.parameters import Estimate, Status
 
-SPEEDS = 400
-FASTEST = 4.0  # of the table of friction, over the fastest logged
-STEPS_A_SAMPLE = 4
-# Shorter parts than this tell nothing of a simulated motion.
-LEAST_SAMPLES = 50
 # A column that holds what is applied until the next sample belongs to the middle of the interval.
 HALF_A_SAMPLE = 0.5
 # The weight, and the share of the rows, from which on rows near rest are spoken of.
@@ -50,129 +42,17 @@ HALF = 0.5
 WORTH_SAYING = 0.01
 
 
-# The motion that a fit predicts from the goal or the command alone, beside the one that was logged.
-def can_be_simulated(column_map: ColumnMap, problem: Problem, model: FrictionModel) -> bool:
-    """Whether something drives the motion, its scale is known, and friction follows from velocity alone."""
-    alone = "load" not in model.name and not column_map.model.temperature and int(column_map.model.gravity) <= 1
-    driven = problem.terms[0].drive is not None
-    # A motor that twists its joint is not driven by the load that the link carries.
-    twists = problem.terms[0].link is not None and problem.terms[0].port is None
-    return driven and problem.scaled and not remembers(model) and not twists and alone and column_map.model.inertia
-
-
-def motion_errors(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit
-) -> tuple[ErrorFigures | None, ErrorFigures | None]:
-    """Of the position in training and in test; None where nothing can be simulated.
-
-    Every uninterrupted part starts as it was logged.
-    """
-    if not can_be_simulated(column_map, problem, fit.model) or not fit.value("inertia") > 0:
-        return None, None
-    sides = []
-    for side in (0, 1):
-        pieces = [
-            piece
-            for index, (stretch, split) in enumerate(zip(problem.stretches, problem.readings.splits, strict=True))
-            for piece in _parts(column_map, problem, fit, index, stretch, split[side])
-        ]
-        sides.append(_figures(pieces, column_map.units.motion))
-    return sides[0], sides[1]
-
-
-def _figures(pieces: list[tuple[FloatArray, FloatArray]], unit: str) -> ErrorFigures | None:
-    if not pieces:
-        return None
-    logged = np.concatenate([piece[0] for piece in pieces])
-    error = logged - np.concatenate([piece[1] for piece in pieces])
-    return ErrorFigures.of(error, float(np.std(logged)), unit) if np.isfinite(error).all() else None
-
-
-def _parts(
-    column_map: ColumnMap, problem: Problem, fit: FrictionFit, index: int, stretch: Stretch, chosen: BoolArray
-) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Logged and simulated position of every uninterrupted part of a stretch."""
-    # As logged: what was moved in time is no motion to start from.
-    motion = Motion.of(stretch, problem.filters)
-    # The filters' ends give no velocity to start with.
-    chosen = chosen & (np.arange(chosen.size) >= problem.filters.margin)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
-    axis, loop = _axis(problem, fit, stretch), loop_of(stretch, sampled=True)
-    load, inputs = _load(fit, stretch, translation=column_map.translation), _inputs(problem, fit, index)
-    step_s = stretch.dt_s / STEPS_A_SAMPLE
-    for first, end in edges.reshape(-1, 2):
-        if end - first < LEAST_SAMPLES:
-            continue
-        part = slice(int(first), int(end))
-        start = float(motion.position[first]), float(motion.velocity[first])
-        yield (
-            motion.position[part],
-            simulate(axis, load, loop, inputs.part(part), *start, step_s),
-        )
-
-
-def _axis(problem: Problem, fit: FrictionFit, stretch: Stretch) -> Axis:
-    """The fit without what pulls at its load."""
-    known = dict(zip(fit.names, fit.values.tolist(), strict=True))
-    period = stretch.log.given("model", "cogging_period")
-    return Axis(
-        inertia=known["inertia"],
-        motor=Motor(stretch.log.given("actuator", "torque_gain") or known["torque_gain"]),
-        table=_table(problem, fit),
-        cogging=(known.get("cogging_sine", 0.0), known.get("cogging_cosine", 0.0)),
-        cogging_wave_number=2 * np.pi / period if period else 0.0,
-    )
-
-
-def _load(fit: FrictionFit, stretch: Stretch, *, translation: bool) -> Load:
-    """The known load with the gravity that was fitted; a sensor at the port measures what the known one asks for."""
-    known = dict(zip(fit.names, fit.values.tolist(), strict=True))
-    load = load_of(stretch, translation=translation) if "exertion" not in stretch.columns else Load(0.0)
-    sine = known.get("gravity_sine", 0.0) + load.gravity * np.cos(load.gravity_zero)
-    cosine = known.get("gravity_cosine", 0.0) - load.gravity * np.sin(load.gravity_zero)
-    return load._replace(gravity=float(np.hypot(sine, cosine)), gravity_zero=float(np.arctan2(-cosine, sine)))
-
-
-def _table(problem: Problem, fit: FrictionFit) -> Table:
-    """Friction of velocity alone, from next to nothing on."""
-    fastest = FASTEST * float(np.max(np.abs(problem.equation.path.velocity)))
-    speeds = fastest * np.geomspace(1e-7, 1.0, SPEEDS)
-    sides = []
-    for sign in (1.0, -1.0):
-        path = Path(problem.filters.dt_s, np.zeros(SPEEDS), sign * speeds, np.zeros(1, dtype=np.int64))
-        sides.append(sign * fit.strengths @ fit.model.columns(path, fit.shape))
-    return Table(speeds, np.stack(sides))
-
-
-def _inputs(problem: Problem, fit: FrictionFit, index: int) -> Inputs:
-    """With what was measured at the port, and what brakes at any speed."""
-    stretch = problem.stretches[index]
-    inputs = inputs_of(stretch)
-    port = stretch.columns.get("exertion", inputs.port)
-    return inputs._replace(port=port + _offset(problem, fit, index))
-
-
-def _offset(problem: Problem, fit: FrictionFit, index: int) -> FloatArray:
-    """What brakes at any speed, at every sample of a stretch."""
-    lengths = [len(stretch.time_s) for stretch in problem.stretches]
-    first = sum(lengths[:index])
-    offset = np.zeros(lengths[index])
-    for name, column in problem.columns.items():
-        if name.startswith("offset"):
-            offset -= fit.value(name) * column[first : first + lengths[index]]
-    return offset
-
-
 @dataclass(frozen=True)
 class Judged:
     """A fit of the equation of motion, and what was found wrong with its log.
 
-    ``doubts`` make every estimate doubtful,
+    ``apart`` are fits of each training log alone, where there are several. ``doubts`` make every estimate doubtful,
     ``remarks`` tell what was left out.
     """
 
     column_map: ColumnMap
     fitted: Estimated
+    apart: tuple[Part, ...]
     doubts: tuple[str, ...]
     remarks: tuple[str, ...]
 
@@ -207,12 +87,18 @@ class Judged:
 def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
     column_map, problem = judged.column_map, judged.problem
-    parts = compared(problem, judged.chosen.fit)
+    whole = judged.chosen.fit
+    parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
     fit = widened(judged.chosen.fit, parts)
     doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
     estimates, verdict = _estimates(judged, judged.chosen, fit)
+    estimates = tuple(_of_none(each) if each.name in parts.of_none else each for each in estimates)
+    friction = {term.name for term in judged.chosen.model.terms}
+    total = _totals(judged, fit)
+    if friction & parts.of_none:
+        total = tuple(map(_of_none, total))
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
@@ -222,6 +108,7 @@ def outcome(judged: Judged) -> LogFit:
         *_outdone(judged),
         *judged.remarks,
         *verdict,
+        *(() if problem.scaled else _ratios(total, column_map.units.drive)),
         *_late(estimates, problem),
         *_near_rest(problem),
         parts.sentence,
@@ -239,7 +126,7 @@ def outcome(judged: Judged) -> LogFit:
         test=test,
         ladder=tuple(_step(judged, rung) for rung in judged.fitted.rungs),
         exertion=_trace(problem, fit, column_map),
-        totals=_totals(judged, fit),
+        totals=total if problem.scaled else (),
         alarms=wrong,
         between=parts,
         predictions=predicted,
@@ -293,6 +180,22 @@ def _totals(judged: Judged, fit: FrictionFit) -> tuple[Estimate, ...]:
     if not judged.outdone(judged.chosen):
         return result
     return as_inadequate(result, _by_name(of(judged.fitted_to(best), best.fit)))
+
+
+def _ratios(total: Sequence[Estimate], drive: str) -> Iterator[str]:
+    """Total friction where only its ratio to the torque gain is known."""
+    if all(each.status is Status.VALID for each in total):
+        told = " and ".join(
+            f"{each.name.removeprefix('total_')} {each.value:.4g} ± {each.half_interval:.2g}" for each in total
+        )
+        unit = drive or "unit of command"
+        yield f"In total, in steady sliding, friction is {told} times the torque gain (per {unit})."
+
+
+def _of_none(estimate: Estimate) -> Estimate:
+    """Of several logs that differ: together they ask for a value that none of them has."""
+    known = estimate.status in (Status.VALID, Status.UNEXCITED)
+    return replace(estimate, status=Status.INADEQUATE) if known else estimate
 
 
 def _by_name(estimates: Sequence[Estimate]) -> dict[str, Estimate]:

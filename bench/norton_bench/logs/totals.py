@@ -20,9 +20,7 @@ def totals(
 ) -> tuple[Estimate, ...]:
     """``total_coulomb`` and ``total_viscous``: the mean friction of both directions in steady sliding is the first
     plus the second times the speed, best over the speeds that were trained on. ``back_emf`` is the damping that is none
-    of friction's. None where nothing gives a scale."""
-    if not problem.scaled:
-        return ()
+    of friction's. Where nothing gives a scale they are ratios to the torque gain."""
     weights = _lines(problem, fit, fit.shape)
     count = len(problem.equation.names)
     terms = len(fit.model.terms)

@@ -197,6 +197,22 @@ def test_logs_of_one_machine_that_differ_widen_its_intervals(tmp_path: Path) -> 
     assert estimate(apart, "inertia").std > 0.5 * 0.005 / np.sqrt(2)
 
 
+def test_a_log_of_another_machine_is_named(tmp_path: Path) -> None:
+    """Together they ask for a delay that none of them has."""
+    others = {3: {"inertia": 0.06, "coulomb": 1.1}}
+    logs = [replace(TRUE, seed=seed, phases=(seed, 1.1, 2.0), **others.get(seed, {})).log() for seed in range(1, 5)]
+    paths = tuple(write_csv(tmp_path / f"{index}.csv", log) for index, log in enumerate(logs, start=1))
+    fit = fit_logs(Request(paths, column_map(FREE)))
+    assert any("Leave 3.csv out, or fit it apart" in said for said in fit.verdict)
+    assert fit.between is not None
+    for one in fit.between.each:
+        assert one.odd == ("3.csv" if one.name in ("inertia", "coulomb_torque") else "")
+        if one.name == "command_shift":
+            assert np.all(np.abs(one.values) < 4 * one.stds)
+    delay = estimate(fit, "command_shift")
+    assert abs(delay.value) < 4 * delay.std or delay.status is Status.INADEQUATE
+
+
 def test_the_quarters_of_one_record_are_compared(tmp_path: Path) -> None:
     # Each of five values differs by chance with a probability of 5 %: in 4 of 16 seeds one does (2, 3, 6 and 8).
     log = replace(TRUE, seed=1).log()

@@ -78,6 +78,16 @@ def test_short_names_with_their_units(name: str, what: str, unit: str) -> None:
     assert unit_in_name(what, name, "") == unit
 
 
+@pytest.mark.parametrize(("known", "unit"), [("angle [deg]", "deg/s"), ("angle [rev]", "rpm")])
+def test_the_unit_of_one_tells_that_of_the_other(tmp_path: Path, known: str, unit: str) -> None:
+    per = {"deg/s": 180 / np.pi, "rpm": 30 / np.pi}[unit]
+    place = {"angle [deg]": 180 / np.pi, "angle [rev]": 0.5 / np.pi}[known]
+    columns = {"t [s]": LOG["t"], known: place * LOG["q"], "speed": per * LOG["w"], "current [A]": LOG["u"]}
+    found, _ = proposed(tmp_path, columns)
+    assert found.columns.velocity is not None
+    assert found.columns.velocity.unit == unit
+
+
 def test_a_voltage_is_in_volts_and_the_word_sample_is_no_time(tmp_path: Path) -> None:
     log = {"time_s": LOG["t"], "angle_rev": LOG["q"] / (2 * np.pi), "motor_voltage": LOG["u"]}
     text, said = propose(write_csv(tmp_path / "log.csv", log))

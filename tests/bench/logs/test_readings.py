@@ -10,7 +10,7 @@ from norton_bench.logs.grid import stretches
 from norton_bench.logs.log import read_log
 from norton_bench.logs.readings import Readings
 from norton_bench.models.parameters import Status
-from tests.bench.logs.machines import FREE, Columns, column_map, estimate, fit_of, write_csv
+from tests.bench.logs.machines import FREE, Columns, Machine, column_map, estimate, fit_of, write_csv
 
 RATE_HZ = 500.0
 BEHIND_SENSOR = """
@@ -136,3 +136,41 @@ def test_coarse_encoders_and_late_sensors_give_the_machine(
     late = estimate(fit, "exertion_shift")
     assert abs(late.value + late_s[1]) < 4 * late.std
     assert late.std < 5e-3
+
+
+@pytest.mark.parametrize("late_s", [0.002, -0.003])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_late_command_of_an_uneven_log_with_coarse_counts(tmp_path: Path, late_s: float, seed: int) -> None:
+    """What noise does to the slopes with the delay would make it shorter, and the inertia smaller by so much."""
+    machine = Machine(inertia=0.03, damping=0.15, coulomb=0.3, offset=0.0, rate_hz=200.0, duration_s=40.0, seed=seed)
+    rng = np.random.default_rng(seed)
+    t = np.arange(8000) / 200.0
+    t += rng.uniform(-0.001, 0.001, t.size)
+    count_rad = 2 * np.pi / 2**15
+    current = machine.needed(t - late_s) / machine.gain
+    log = {
+        "t": t,
+        "q": np.round(machine.motion(t)[0] / count_rad) * count_rad,
+        "u": current + 0.005 * np.std(current) * rng.standard_normal(t.size),
+    }
+    fit = fit_of(tmp_path, log, FREE)
+    true = {"inertia": 0.03, "viscous_damping": 0.15, "coulomb_torque": 0.3, "command_shift": -late_s}
+    for name, value in true.items():
+        each = estimate(fit, name)
+        assert abs(each.value - value) < 3.5 * each.std, (name, each, value)
+    assert estimate(fit, "command_shift").std < 4e-4
+
+
+def test_noise_of_an_uneven_log_is_that_of_its_readings(tmp_path: Path) -> None:
+    """A spline through them takes most of it off halfway between two."""
+    rng = np.random.default_rng(3)
+    t = np.arange(20_000) / RATE_HZ
+    motion = wandering(4, 1.0) + 1e-3 * rng.standard_normal(t.size)
+    # Stamps that slide through the grid, by half of a sample in all.
+    stamps = t + 0.5 / RATE_HZ * t / t[-1] + rng.uniform(-2e-4, 2e-4, t.size)
+    log = read_log(write_csv(tmp_path / "log.csv", {"t": stamps, "q": motion, "u": np.sin(t)}), column_map(FREE))
+    (part,), _ = stretches(log, 1 / RATE_HZ, None)
+    every = np.ones(part.time_s.size, dtype=bool)
+    readings = Readings.of(column_map(FREE), (part,), [(every, ~every)])
+    assert part.logged_s is not None
+    assert readings.white_noise("position") == pytest.approx(1e-3, rel=0.05)
