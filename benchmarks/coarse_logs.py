@@ -6,8 +6,8 @@ four; the rate is 100 to 1000 Hz, the encoder has 2^12, 2^14 or 2^17 counts; the
 and torque are up to 4 and 10 ms late, or in time; stamps are even or not. The map says nothing but the columns.
 
 Printed are the share of 95 % intervals of valid values that hold the truth, in all and by value, and the rms error in
-deviations. ``python benchmarks/coarse_logs.py [--seeds 261-320] [--json]``; a log takes 2 to 10 s. Development used
-seeds from 1 to 144.
+deviations. ``python benchmarks/coarse_logs.py [--seeds 381-440] [--json]``; a log takes 2 to 10 s. Development used
+seeds from 1 to 144 and 321 to 380.
 """
 
 from collections.abc import Mapping, Sequence
@@ -117,7 +117,7 @@ def coverage_of_each(every: Sequence[Judged]) -> Mapping[str, object]:
 if __name__ == "__main__":
     report(
         __doc__,
-        "261-320",
+        "381-440",
         judged,
         lambda one: f"{one['rate_hz']} Hz, {one['counts']} counts: {one['model']}",
         coverage_of_each,

@@ -6,8 +6,8 @@ position, noise, a command and a torque that are late by times of their own, and
 Friction is plain, or has stiction that falls with speed, a film that thins, or a share of what the gears transmit.
 
 Printed are, over all machines: the share of 95 % intervals that hold the true value, the rms error in deviations, and
-how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds 311-350] [--json]``; a log takes about
-20 s. Development used seeds 41 to 60 and 271 to 310.
+how often the chosen model is the true one. ``python benchmarks/logs.py [--seeds 391-430] [--json]``; a log takes about
+20 s. Development used seeds 41 to 60, 271 to 310 and 351 to 390.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -147,4 +147,4 @@ def right_model(every: Sequence[Judged]) -> Mapping[str, object]:
 
 
 if __name__ == "__main__":
-    report(__doc__, "311-350", judged, lambda one: f"{one['true']}: {one['chosen']}", right_model)
+    report(__doc__, "391-430", judged, lambda one: f"{one['true']}: {one['chosen']}", right_model)

@@ -14,6 +14,7 @@ from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import DAMPING, GAIN, INERTIA, LINEAR
 from norton_bench.identification.signals import LIMIT_LASTS_TICKS
+from norton_bench.identification.turns import Turns
 from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
 
 # What the loop asks for must lie so far beyond the limit that is in the drive: its scale is off by a few per cent.
@@ -30,11 +31,13 @@ PLACES = [2, 3, 4, 6]
 class _Visits:
     """``torque_nm`` (n,) that the motor gave, mean of each visit, of what its loop ``asked_nm`` (n,) for.
 
-    ``moving`` (n, 4) is the change with inertia, B, τc and σ1.
+    ``turning_nm`` (n,) is how much more it seems to be near turns of the shaft than elsewhere in that visit, NaN where
+    all of it is either. ``moving`` (n, 4) is the change with inertia, B, τc and σ1.
     """
 
     torque_nm: FloatArray
     asked_nm: FloatArray
+    turning_nm: FloatArray
     moving: FloatArray
 
 
@@ -53,7 +56,11 @@ def torque_limit(solution: Solution, values: FloatArray, covariance: FloatArray)
         return None
     scatter = float(np.std(visits.torque_nm, ddof=1)) / np.sqrt(count) * t_quantile(0.975, count - 1) / HALF_INTERVAL
     slope = np.mean(visits.moving, axis=0)
-    std = float(np.sqrt(scatter**2 + slope @ covariance[np.ix_(PLACES, PLACES)] @ slope))
+    # The limit knows nothing of turns. What goes with them is an error of friction or of the path, by which either side
+    # may be off: the truth is anywhere between the two.
+    turning = visits.turning_nm[np.isfinite(visits.turning_nm)]
+    between = float(np.mean(turning)) if turning.size else 0.0
+    std = float(np.sqrt(scatter**2 + between**2 / 12.0 + slope @ covariance[np.ix_(PLACES, PLACES)] @ slope))
     return Estimate("torque_limit", value, std, BY_NAME["torque_limit"].unit, Status.VALID)
 
 
@@ -70,9 +77,16 @@ def _visits(rows: Rows, solution: Solution, values: FloatArray) -> _Visits:
     spans = _spans(np.abs(asked) > BEYOND * servo.greatest_error)
     sides = [float(np.sign(asked[first])) for first, _ in spans]
     torque = [side * float(np.mean(torque_nm[first:last])) for side, (first, last) in zip(sides, spans, strict=True)]
+    near = Turns.of(rows.signals, shape.s_per_rad, LIMIT_LASTS_TICKS).near[:: rows.stride]
+    turning = [side * _apart(torque_nm[a:b], near[a:b]) for side, (a, b) in zip(sides, spans, strict=True)]
     wanted = [values[0] * float(np.mean(np.abs(asked[first:last]))) for first, last in spans]
     change = [-side * np.mean(moving[:, a:b], axis=1) for side, (a, b) in zip(sides, spans, strict=True)]
-    return _Visits(np.array(torque), np.array(wanted), np.array(change).reshape(-1, 4))
+    return _Visits(np.array(torque), np.array(wanted), np.array(turning), np.array(change).reshape(-1, 4))
+
+
+def _apart(values: FloatArray, near: BoolArray) -> float:
+    """The mean of some values (n,) less that of the others; NaN where there are no others."""
+    return float(np.mean(values[near]) - np.mean(values[~near])) if near.any() and not near.all() else float("nan")
 
 
 def _zero(rows: Rows, solution: Solution) -> FloatArray:
