@@ -101,8 +101,8 @@ def _check_recordings(paths: tuple[Path, ...], for_logs: tuple[object, ...]) -> 
             )
     if any(option is not None for option in for_logs):
         raise UsageError(
-            "--train, --test, --model, --joint and --predict are for logs of other programs; leave them out for "
-            "recordings"
+            f"{paths[0]} is taken for a recording of this program, or is damaged: --train, --test, --model, --joint "
+            "and --predict are for logs of other programs; leave them out, or make the file anew"
         )
 
 
