@@ -24,7 +24,7 @@ from norton_bench.identification.separable import (
 )
 from norton_bench.identification.shape import INERTIA, LINEAR, Shape
 from norton_bench.identification.signals import FINE, Signals
-from norton_bench.identification.turns import strongest_period
+from norton_bench.identification.turns import is_new, strongest_period
 from norton_bench.models.terms import (
     JOINT_DAMPING,
     JOINT_STIFFNESS,
@@ -245,8 +245,9 @@ def _with_cogging(at: _Point) -> _Point:
         regression, count = at.regression, at.regression.nominal.size
         rest = at.regression.target() - at.linear @ at.columns
         left = rest - at.memory.factors(rest) * at.memory.left
-        periods = strongest_period(regression.position(), left, regression.alike)
-        if periods is None or periods in regression.cogging:
+        position = regression.position()
+        periods = strongest_period(position, left, regression.alike)
+        if periods is None or not is_new(periods, regression.cogging, position):
             break
         linear = np.concatenate([at.linear[:count], np.zeros(2), at.linear[count:]])
         more = replace(regression, cogging=(*regression.cogging, periods))

@@ -18,7 +18,7 @@ from norton_bench.identification.regression import Memory, Regression
 from norton_bench.identification.search_box import LONGEST_STEP, box, inside, of_terms_too, shortened, velocity_starts
 from norton_bench.identification.shape import BANDWIDTH, COULOMB, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
-from norton_bench.identification.turns import strongest_period
+from norton_bench.identification.turns import is_new, strongest_period
 from norton_bench.models.terms import NetworkTerm
 
 # In cycles a tick. The low band leaves delays of some ticks within the reach of Gauss-Newton.
@@ -293,8 +293,9 @@ def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
     """The same with every wave that stands out of what is left."""
     for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
         regression = solution.regression
-        periods = strongest_period(regression.position(), solution.residual, regression.alike)
-        if periods is None or periods in regression.cogging:
+        position = regression.position()
+        periods = strongest_period(position, solution.residual, regression.alike)
+        if periods is None or not is_new(periods, regression.cogging, position):
             break
         more = replace(regression, cogging=(*regression.cogging, periods))
         solution = _iterate(more, solution.shape, within=within)

@@ -168,3 +168,9 @@ def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated:
         return None  # a side lobe of something slower
     whole = float(np.round(periods[best]))
     return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])
+
+
+def is_new(periods: float, waves: Sequence[float], position_rad: FloatArray) -> bool:
+    """Whether the way (n,) tells a wave of so many periods a turn from all of these."""
+    turns = float(np.ptp(position_rad)) / (2 * np.pi)
+    return all(abs(periods - each) * turns >= RESOLVED for each in waves)

@@ -12,7 +12,7 @@ from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.fit import fit
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import FINE, signals
-from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening, strongest_period
+from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening, is_new, strongest_period
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth
@@ -197,3 +197,11 @@ def test_noise_alone_has_no_wave(reach_rad):
     rng = np.random.default_rng(0)
     angle = swinging(reach_rad)
     assert {strongest_period(angle, rng.standard_normal(angle.size), 1.0) for _ in range(200)} == {None}
+
+
+def test_a_wave_that_the_way_cannot_tell_from_a_known_one_is_not_new():
+    """Twenty turns resolve a twentieth of a period a turn."""
+    angle = np.linspace(0.0, 40 * np.pi, 100)
+    assert not is_new(29.89, (29.9,), angle)
+    assert is_new(29.89, (30.0,), angle)
+    assert is_new(29.89, (), angle)
