@@ -83,6 +83,10 @@ class FrictionFit:
         """Raises ValueError for a name that was not fitted."""
         return float(self.values[self.names.index(name)])
 
+    def deviation(self, name: str) -> float:
+        """Raises ValueError for a name that was not fitted."""
+        return float(self.deviations[self.names.index(name)])
+
     def dimension(self, name: str) -> Dimension | None:
         """What a coefficient or unknown of the friction measures; None for the equation's further columns."""
         known = {term.name: term.dimension for term in self.model.terms}

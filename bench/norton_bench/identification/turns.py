@@ -153,18 +153,21 @@ def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated:
     """
     first = float(np.min(position_rad))
     turns = (float(np.max(position_rad)) - first) / (2 * np.pi)
+    if turns * SEARCHED_PERIODS < FEWEST_PERIODS:
+        return None
     bins = ((position_rad - first) / (2 * np.pi) * BINS_A_TURN).astype(np.int64)
     sums = np.bincount(bins, residual - np.mean(residual))
     length = 2 ** int(np.ceil(np.log2(FINER * sums.size)))
     spectrum = np.abs(np.fft.rfft(sums, length)) ** 2 / (correlated * np.sum(residual**2))
     periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
     slowest = max(1.0, FEWEST_PERIODS / turns)
-    searched = (periods >= slowest - RESOLVED / turns) & (periods <= SEARCHED_PERIODS)
+    slower = periods < slowest - RESOLVED / turns
+    searched = ~slower & (periods <= SEARCHED_PERIODS)
     best = int(np.argmax(np.where(searched, spectrum, 0.0)))
     share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
     if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
         return None
-    if slowest > 1.0 and spectrum[best] < np.max(spectrum[periods < slowest - RESOLVED / turns]):
+    if slowest > 1.0 and spectrum[best] < np.max(spectrum[slower]):
         return None  # a side lobe of something slower
     whole = float(np.round(periods[best]))
     return whole if abs(whole - periods[best]) < RESOLVED / turns else float(periods[best])

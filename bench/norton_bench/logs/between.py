@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.ladder import fit_friction
 from norton_bench.identification.statistics import combine
-from norton_bench.logs.delays import COMMAND, EXERTION, edge_s
+from norton_bench.logs.delays import with_delays
 from norton_bench.logs.equation import Problem
 
 # Parts that one record is cut into, and how many rows a part must have for each number that is fitted to it.
@@ -33,10 +32,7 @@ class Part:
 
     @classmethod
     def of(cls, label: str, problem: Problem, fit: FrictionFit) -> "Part":
-        done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
-        edge = dict.fromkeys(done, edge_s(problem))
-        triples = zip(fit.names, fit.values.tolist(), fit.deviations.tolist(), strict=True)
-        return cls(label, {n: (v + done.get(n, 0.0), float(np.hypot(s, edge.get(n, 0.0)))) for n, v, s in triples})
+        return cls(label, with_delays(problem, fit))
 
 
 @dataclass(frozen=True)
@@ -128,10 +124,6 @@ def trained_places(problem: Problem) -> list[str]:
     return list(dict.fromkeys(place[problem.train]))
 
 
-def label_of(place: str) -> str:
-    return Path(place).name
-
-
 def _quarters(problem: Problem) -> list[BoolArray]:
     count = np.cumsum(problem.train)
     part = np.minimum((count - 1) * PARTS // max(int(count[-1]), 1), PARTS - 1)
@@ -140,7 +132,7 @@ def _quarters(problem: Problem) -> list[BoolArray]:
 
 def _between(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> list[Between]:
     result = []
-    for name, (value, _) in Part.of("", problem, fit).values.items():
+    for name, (value, _) in with_delays(problem, fit).items():
         pairs = [part.values.get(name, (np.nan, np.nan)) for part in parts]
         values, stds = (np.array(each) for each in zip(*pairs, strict=True))
         known = np.isfinite(stds) & (stds > 0)

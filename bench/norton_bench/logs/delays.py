@@ -124,6 +124,16 @@ def edge_s(problem: Problem) -> float:
     return float(problem.filters.dt_s / np.sqrt(12 * max(reversals, 1.0)))
 
 
+def with_delays(problem: Problem, fit: FrictionFit) -> dict[str, tuple[float, float]]:
+    """The values of a fit of ``problem`` and their deviations, by name; delays with what was put in place before."""
+    done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
+    edge = dict.fromkeys(done, edge_s(problem))
+    return {
+        name: (value + done.get(name, 0.0), float(np.hypot(std, edge.get(name, 0.0))))
+        for name, value, std in zip(fit.names, fit.values.tolist(), fit.deviations.tolist(), strict=True)
+    }
+
+
 def searched(problem: Problem, fit: FrictionFit, again: Callable[[Delays], Problem]) -> Delays:
     """The delays that the fitted friction asks for: that of one column first, then, beside it, that of the other. Where
     a delay of either leaves about as little, the shorter is the likelier one.

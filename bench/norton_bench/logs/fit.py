@@ -15,7 +15,7 @@ from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, held, selected
 from norton_bench.logs import delays as late
-from norton_bench.logs.between import Part, label_of, trained_places
+from norton_bench.logs.between import Part, trained_places
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
 from norton_bench.logs.estimate import Estimated, comparable, estimated
@@ -169,11 +169,8 @@ def fit_logs(request: Request) -> LogFit:
             "another part, or a narrower --train"
         )
     readings = Readings.of(column_map, parts, splits)
-    result = estimated(
-        lambda delays: make_problem(column_map, readings, delays),
-        late.sought(column_map),
-        lambda near: _models(request, near, remarks),
-        lambda rungs: _chosen(request, rungs),
+    result = _estimated(
+        column_map, readings, lambda near: _models(request, near, remarks), lambda rungs: _chosen(request, rungs)
     )
 
     def readings_of(others: Sequence[Log]) -> Readings:
@@ -294,14 +291,12 @@ def _doubts(
     result = [*ahead_of_goal(problem.stretches, problem.filters)]
     if not held(chosen, selected(fitted.rungs)):
         return tuple(result)  # what a law lacks looks like many a mistake
-    if (
-        not result
-        and column_map.model.refine is None
-        and (apart := _apart(column_map, logs, fitted, left, readings_of))
-    ):
+    with_contact = basic.with_contact(chosen.fit)
+    apart = () if result else _apart(column_map, logs, fitted, with_contact, left, readings_of)
+    if apart:
         return apart
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
-    result = result or [*wrong_signs(basic.with_contact(chosen.fit), column_map, ratio)]
+    result = result or [*wrong_signs(with_contact, column_map, ratio)]
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
         result = result or [*out_of_step(problem, chosen.fit, column_map)]
@@ -327,24 +322,30 @@ def _each_log(column_map: ColumnMap, fitted: Estimated, readings: Readings) -> t
             each = _by_law(column_map, alone, fitted.chosen.model)
         except ExperimentError:
             return ()
-        result.append(Part.of(label_of(place), each.problem, each.chosen.fit))
+        result.append(Part.of(Path(place).name, each.problem, each.chosen.fit))
     return tuple(result)
 
 
 def _by_law(column_map: ColumnMap, readings: Readings, law: FrictionModel) -> Estimated:
     """One law alone. Raises ExperimentError where there is too little to fit."""
-    return estimated(
-        lambda delays: make_problem(column_map, readings, delays),
-        late.sought(column_map),
-        lambda _: (law,),
-        lambda rungs: rungs[0],
-    )
+    return _estimated(column_map, readings, lambda _: (law,), lambda rungs: rungs[0])
+
+
+def _estimated(
+    column_map: ColumnMap,
+    readings: Readings,
+    models: Callable[[NearRest], Sequence[FrictionModel]],
+    choose: Callable[[Sequence[Rung]], Rung],
+) -> Estimated:
+    """With the delays that the map leaves open."""
+    return estimated(lambda delays: make_problem(column_map, readings, delays), late.sought(column_map), models, choose)
 
 
 def _apart(
     column_map: ColumnMap,
     logs: Sequence[Log],
     fitted: Estimated,
+    basic: Basic,
     left: float,
     readings_of: Callable[[Sequence[Log]], Readings],
 ) -> tuple[str, ...]:
@@ -355,5 +356,4 @@ def _apart(
         return ()
     bare = [replace(log, givens={each: value for each, value in log.givens.items() if each != key}) for log in logs]
     freed = _by_law(column_map, readings_of(bare), fitted.chosen.model)
-    basic = Basic.of(fitted.problem).with_contact(fitted.chosen.fit)
     return tuple(scales_apart(first.gain, freed.problem, freed.chosen.fit, basic, left))

@@ -37,8 +37,7 @@ def spring_of(
     stds = np.sqrt(np.diag(sandwich(columns.T, residual, problem.equation.time_s[rows], noise, values)))
     if EXERTION in fit.names:
         # A torque that is read so much later looks like damping.
-        late_s = fit.deviations[fit.names.index(EXERTION)]
-        stds[1] = np.hypot(stds[1], values[0] * late_s)
+        stds[1] = np.hypot(stds[1], values[0] * fit.deviation(EXERTION))
     left = float(np.std(residual) / max(np.std(target), 1e-300))
     # What leaves most of a torque is no spring of it.
     believed = believed and left <= UNEXPLAINED

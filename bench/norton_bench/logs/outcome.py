@@ -26,6 +26,7 @@ from norton_bench.logs.results import (
     as_inadequate,
     back_emf_damping,
     estimates_of,
+    inadequate,
     loose,
     with_back_emf,
     without_scale,
@@ -89,16 +90,17 @@ def outcome(judged: Judged) -> LogFit:
     column_map, problem = judged.column_map, judged.problem
     whole = judged.chosen.fit
     parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
-    fit = widened(judged.chosen.fit, parts)
+    fit = widened(whole, parts)
     doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
     estimates, verdict = _estimates(judged, judged.chosen, fit)
-    estimates = tuple(_of_none(each) if each.name in parts.of_none else each for each in estimates)
+    # Of several logs that differ: together they ask for a value that none of them has.
+    estimates = tuple(inadequate(each) if each.name in parts.of_none else each for each in estimates)
     friction = {term.name for term in judged.chosen.model.terms}
     total = _totals(judged, fit)
     if friction & parts.of_none:
-        total = tuple(map(_of_none, total))
+        total = tuple(map(inadequate, total))
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
@@ -190,12 +192,6 @@ def _ratios(total: Sequence[Estimate], drive: str) -> Iterator[str]:
         )
         unit = drive or "unit of command"
         yield f"In total, in steady sliding, friction is {told} times the torque gain (per {unit})."
-
-
-def _of_none(estimate: Estimate) -> Estimate:
-    """Of several logs that differ: together they ask for a value that none of them has."""
-    known = estimate.status in (Status.VALID, Status.UNEXCITED)
-    return replace(estimate, status=Status.INADEQUATE) if known else estimate
 
 
 def _by_name(estimates: Sequence[Estimate]) -> dict[str, Estimate]:

@@ -10,7 +10,7 @@ from norton_bench.identification.friction_model import Dimension
 from norton_bench.identification.ladder import FrictionFit
 from norton_bench.identification.results import Direction, Trace, loose_directions
 from norton_bench.logs.between import Compared
-from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, edge_s
+from norton_bench.logs.delays import COMMAND, EXERTION, SHIFT, with_delays
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.log_units import Units
 from norton_bench.logs.predictions import Predictions
@@ -111,12 +111,9 @@ def unit_of(name: str, fit: FrictionFit, units: Units) -> str:
 
 def estimates_of(problem: Problem, fit: FrictionFit, units: Units, *, doubtful: bool) -> tuple[Estimate, ...]:
     """In the order of the fit; delays with what has been put in place beforehand."""
-    done = {COMMAND: problem.delays.command_s, EXERTION: problem.delays.exertion_s}
-    edge = dict.fromkeys(done, edge_s(problem))
     return tuple(
         Estimate(name, value, std, unit_of(name, fit, units), status)
-        for name, more, deviation in zip(fit.names, fit.values, fit.deviations, strict=True)
-        for value, std in ((float(more) + done.get(name, 0.0), float(np.hypot(deviation, edge.get(name, 0.0)))),)
+        for name, (value, std) in with_delays(problem, fit).items()
         for status in (_status(name, value, std, fit, problem, doubtful=doubtful),)
     )
 
@@ -154,11 +151,13 @@ def as_inadequate(estimates: tuple[Estimate, ...], best: Mapping[str, Estimate])
         other = best.get(one.name)
         return other is not None and abs(one.value - other.value) <= SURE * np.hypot(one.std, other.std)
 
-    known = (Status.VALID, Status.UNEXCITED)
-    return tuple(
-        replace(each, status=Status.INADEQUATE) if each.status in known and not agrees(each) else each
-        for each in estimates
-    )
+    return tuple(each if agrees(each) else inadequate(each) for each in estimates)
+
+
+def inadequate(estimate: Estimate) -> Estimate:
+    """The same, if it seemed known, as what the machine is not."""
+    known = estimate.status in (Status.VALID, Status.UNEXCITED)
+    return replace(estimate, status=Status.INADEQUATE) if known else estimate
 
 
 def _is_none(estimate: Estimate) -> bool:

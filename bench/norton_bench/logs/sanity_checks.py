@@ -188,10 +188,9 @@ def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[st
 def scales_apart(given: float, freed: Problem, fit: FrictionFit, basic: Basic, left: float) -> Iterator[str]:
     """A torque gain that the sensor at the port, or the known load, does not bear out: with another one, ``fit`` of the
     problem ``freed``, far less is left, or no sign is wrong. ``basic`` and ``left`` are those of the gain ``given``."""
-    deviations = dict(zip(fit.names, fit.deviations.tolist(), strict=True))
-    gain, std = fit.value(TORQUE_GAIN), deviations[TORQUE_GAIN]
+    gain, std = fit.value(TORQUE_GAIN), fit.deviation(TORQUE_GAIN)
     beside = fit.rms / max(variation(freed), 1e-300)
-    mends = not basic.sound and fit.value("inertia") > SIGNIFICANT * deviations["inertia"]
+    mends = not basic.sound and fit.value("inertia") > SIGNIFICANT * fit.deviation("inertia")
     # A gain of the other sign is the sign's matter.
     apart = gain / given > 0 and abs(gain - given) > SIGNIFICANT * std
     if apart and (mends or beside**2 < BETTER * left**2):

@@ -205,3 +205,8 @@ def test_a_wave_that_the_way_cannot_tell_from_a_known_one_is_not_new():
     assert not is_new(29.89, (29.9,), angle)
     assert is_new(29.89, (30.0,), angle)
     assert is_new(29.89, (), angle)
+
+
+def test_a_shaft_that_stands_still_shows_no_wave():
+    residual = np.random.default_rng(0).standard_normal(1000)
+    assert strongest_period(np.full(1000, 0.3), residual, 1.0) is None
