@@ -133,6 +133,7 @@ def build_app() -> App:
     app = App(
         name="norton-bench",
         help="Identify the nonlinear Norton equivalent network of an actuator.",
+        help_format="plaintext",
         help_epilogue=EPILOGUE,
         version=lambda: version("norton-bench"),
         version_flags=VERSION_FLAGS,
