@@ -18,7 +18,7 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Aligned, align
 from norton_bench.identification.signals import Signals
-from norton_bench.identification.turns import SEARCHED_PERIODS, strongest_period
+from norton_bench.identification.turns import SEARCHED_PERIODS, is_new, strongest_period
 from norton_bench.identification.validation import network_trace
 
 INPUT_LAGS = range(-4, 9)
@@ -218,7 +218,7 @@ def position_harmonics(
     harmonics: list[Harmonic] = []
     for _ in range(MOST_HARMONICS):
         periods = strongest_period(position, left, 1.0)
-        if periods is None:
+        if periods is None or not is_new(periods, [each.periods_per_turn for each in harmonics], position):
             break
         slow = cycles * periods < HIGHEST_CYCLES
         angle = periods * position[slow]
