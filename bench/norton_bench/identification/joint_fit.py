@@ -245,7 +245,7 @@ def _with_cogging(at: _Point) -> _Point:
         regression, count = at.regression, at.regression.nominal.size
         rest = at.regression.target() - at.linear @ at.columns
         left = rest - at.memory.factors(rest) * at.memory.left
-        position = regression.position()
+        position = regression.position(at.shape)
         periods = strongest_period(position, left, regression.alike)
         if periods is None or not is_new(periods, regression.cogging, position):
             break

@@ -34,7 +34,7 @@ from norton_bench.identification.shape import (
     VISCOUS,
     Shape,
 )
-from norton_bench.identification.signals import FINE, Signals
+from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import Turns, Whitening
 from norton_bench.models.terms import (
     DAMPING_BEND,
@@ -299,9 +299,10 @@ class Regression:
     def _white_energy(self) -> float:
         return 1.0 if self.whitening is None else self.whitening.energy
 
-    def position(self) -> FloatArray:
-        """Of the shaft, shape (samples,)."""
-        return self.chosen([rows.signals.position_rad[:: rows.stride * FINE] for rows in self.rows])
+    def position(self, shape: Shape) -> FloatArray:
+        """Of the shaft when the torque acts, shape (samples,): its readings come earlier or later."""
+        own = self._on_own_time(shape)
+        return self.chosen([rows.position(own)[0] for rows in self.rows])
 
     def _on_own_time(self, shape: Shape) -> Shape:
         return replace(shape, motion_delay_s=0.0) if self.free_motion else shape

@@ -293,7 +293,7 @@ def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
     """The same with every wave that stands out of what is left."""
     for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
         regression = solution.regression
-        position = regression.position()
+        position = regression.position(solution.shape)
         periods = strongest_period(position, solution.residual, regression.alike)
         if periods is None or not is_new(periods, regression.cogging, position):
             break
