@@ -29,7 +29,9 @@ Format = Annotated[
 ]
 
 
-Predict = Annotated[Path | None, Parameter(help="Table (CSV) to write: what was measured and predicted, row by row.")]
+Predict = Annotated[
+    Path | None, Parameter(help="Table (CSV) to write: measured and predicted, in every row of the equation.")
+]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from norton_bench.identification.friction_laws import model as member
 from norton_bench.identification.friction_model import Dimension, Equation, FrictionModel, Path, remembers
 from norton_bench.identification.friction_operators import bounded_solution
 from norton_bench.identification.separable import linear_solution
-from norton_bench.identification.statistics import sandwich
+from norton_bench.identification.statistics import Moved, moved_by_parts, sandwich
 
 POINTS_PER_DECADE = 2
 ROUNDS = 2
@@ -36,6 +36,10 @@ DIFFERENCE = 0.02
 MOST_NOISE = 0.5
 
 
+# Parts of a record that are compared.
+QUARTERS = 4
+
+
 @dataclass(frozen=True)
 class FrictionFit:
     """One fitted model.
@@ -43,7 +47,8 @@ class FrictionFit:
     ``names`` and ``values`` are the equation's further columns, then the model's terms, then its unknowns;
     ``covariance`` (names, names) is in the units of the values. ``residual`` and ``prediction`` cover every row of
     the equation, fitted or not; ``rows`` says which were, ``scale`` (n,) what they were multiplied by. ``at_bound``
-    names what lies at the edge of what is allowed.
+    names what lies at the edge of what is allowed. ``of_quarters`` is by how much each quarter of the rows fitted moves
+    the values.
     """
 
     model: FrictionModel
@@ -56,6 +61,7 @@ class FrictionFit:
     scale: FloatArray
     converged: bool
     at_bound: tuple[str, ...]
+    of_quarters: Moved
 
     @property
     def strengths(self) -> FloatArray:
@@ -320,6 +326,7 @@ class Problem:
         noise = noise_power(self.equation, all_noise, np.where(rows, 0, -1), squares)[0]
         shrunk = reached.linear[:others] - noise_in_target(self.equation)
         covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows], noise, shrunk)
+        moved = moved_by_parts(jacobian, reached.residual, self.equation.time_s[rows], QUARTERS, noise, shrunk)
         shape = np.exp(reached.at)
         units = np.concatenate([np.ones(len(reached.linear)), shape])
         prediction = reached.linear @ (reached.columns / self.scale)
@@ -336,6 +343,7 @@ class Problem:
             scale=self.scale,
             converged=reached.converged,
             at_bound=self._at_bound(reached),
+            of_quarters=Moved(units * moved.values, units * moved.stds),
         )
 
     def _at_bound(self, reached: Reached) -> tuple[str, ...]:

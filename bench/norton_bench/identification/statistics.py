@@ -17,6 +17,10 @@ BLOCKS_S = (0.1, 0.5, 2.0)
 NOTHING = 1e-100
 
 
+# A direction of the columns that a part excites less than this, of what it excites most, it does not excite.
+WORTH_A_COLUMN = 1e-6
+
+
 def sandwich(
     jacobian: FloatArray,
     residual: FloatArray,
@@ -36,6 +40,53 @@ def sandwich(
     stand in the equation as factors. The correlations are those of the middle length of block, the deviations the
     largest of all.
     """
+    bread, scores, scale = _normal(jacobian, residual, contamination, linear)
+    candidates = [bread @ _meat(scores, time_s, block_s) @ bread for block_s in BLOCKS_S]
+    widest = np.sqrt(np.max([np.diag(candidate) for candidate in candidates], axis=0))
+    middle = candidates[len(candidates) // 2]
+    deviation = np.sqrt(np.maximum(np.diag(middle), 1e-300))
+    return np.asarray(middle / np.outer(deviation, deviation) * np.outer(widest, widest) / np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
+class Moved:
+    """By how much each part of the samples moves each parameter of least squares, and by how much the noise within the
+    part alone would: ``values`` and their deviations ``stds``, both (parts, parameters). Values add up to zero."""
+
+    values: FloatArray
+    stds: FloatArray
+
+
+def moved_by_parts(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    time_s: FloatArray,
+    parts: int,
+    contamination: FloatArray | None = None,
+    linear: FloatArray | None = None,
+) -> Moved:
+    """Of so many parts, as long as each other; arguments as of :func:`sandwich`.
+
+    The influence of samples on an estimate (Hampel et al., Robust Statistics, 1986, ch. 6), added up in each part. What
+    a part does not excite it does not move, and so needs no value of its own. The noise within a part is what a fit of
+    the part alone would leave.
+    """
+    bread, scores, scale = _normal(jacobian, residual, contamination, linear)
+    values, stds = [], []
+    for rows in np.array_split(np.arange(len(residual)), parts):
+        columns = jacobian[rows] / scale
+        left = residual[rows] - columns @ np.linalg.lstsq(columns, residual[rows], rcond=WORTH_A_COLUMN)[0]
+        meats = [_meat(columns * left[:, None], time_s[rows], block_s) for block_s in BLOCKS_S]
+        variance = np.max([np.diag(bread @ meat @ bread) for meat in meats], axis=0)
+        values.append(np.sum(scores[rows], axis=0) @ bread / scale)
+        stds.append(np.sqrt(np.maximum(variance, 0.0)) / scale)
+    return Moved(np.array(values), np.array(stds))
+
+
+def _normal(
+    jacobian: FloatArray, residual: FloatArray, contamination: FloatArray | None, linear: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The inverse of the information, and each sample's scores, both of columns divided by their ``scale``."""
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale < NOTHING] = 1.0
     information = (jacobian / scale).T @ (jacobian / scale)
@@ -45,12 +96,7 @@ def sandwich(
         information[at, at] -= contamination / scale[at] ** 2
         linearly = slice(len(linear))
         scores[:, linearly] += contamination[linearly] * linear / len(residual) / scale[linearly]
-    bread = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
-    candidates = [bread @ _meat(scores, time_s, block_s) @ bread for block_s in BLOCKS_S]
-    widest = np.sqrt(np.max([np.diag(candidate) for candidate in candidates], axis=0))
-    middle = candidates[len(candidates) // 2]
-    deviation = np.sqrt(np.maximum(np.diag(middle), 1e-300))
-    return np.asarray(middle / np.outer(deviation, deviation) * np.outer(widest, widest) / np.outer(scale, scale))
+    return np.linalg.pinv(information, rcond=1e-13, hermitian=True), scores, scale
 
 
 def with_lag_as_told(values: FloatArray, covariance: FloatArray, place: int) -> FloatArray:

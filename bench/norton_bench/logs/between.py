@@ -1,19 +1,18 @@
-"""Parts of the training data fitted apart: what differs between them more than they should enters the intervals."""
+"""Parts of the training data compared: what differs between them more than they should enters the intervals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from norton_bench.arrays import BoolArray, FloatArray
-from norton_bench.identification.friction_fit import FrictionFit
-from norton_bench.identification.ladder import fit_friction
-from norton_bench.identification.statistics import combine
+from norton_bench.arrays import FloatArray
+from norton_bench.distributions import chi2_tail, t_quantile
+from norton_bench.identification.friction_fit import QUARTERS, FrictionFit
+from norton_bench.identification.statistics import NORMAL_95, combine
 from norton_bench.logs.delays import with_delays
 from norton_bench.logs.equation import Problem
 
-# Parts that one record is cut into, and how many rows a part must have for each number that is fitted to it.
-PARTS = 4
+# So many rows a quarter must have for each number that is fitted.
 ROWS_A_NUMBER = 10
 # Chance alone seldom gives such a difference.
 SELDOM = 0.05
@@ -25,14 +24,16 @@ OF_A_PART = ("offset_", "slip_torque")
 
 @dataclass(frozen=True)
 class Part:
-    """A fit of one part: ``values`` and their deviations by name; delays are whole ones."""
+    """A fit of one part: ``values`` and their deviations by name; delays are whole ones. What lies at a bound is none:
+    a direction in which the part never moves has no friction there."""
 
     label: str
     values: Mapping[str, tuple[float, float]]
 
     @classmethod
     def of(cls, label: str, problem: Problem, fit: FrictionFit) -> "Part":
-        return cls(label, with_delays(problem, fit))
+        values = with_delays(problem, fit)
+        return cls(label, {name: value for name, value in values.items() if name not in fit.at_bound})
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,14 @@ class Between:
     @property
     def told(self) -> str:
         """The values, and whose stands out."""
-        values = ", ".join(f"{value:.4g}" for value in self.values)
+        values = ", ".join("none" if np.isnan(value) else f"{value:.4g}" for value in self.values)
         return f"{self.name.replace('_', ' ')} {values}{f' ({self.odd} stands out)' if self.odd else ''}"
 
     @property
     def of_none(self) -> bool:
         """Whether the value of all parts together lies beyond that of every part."""
         low, high = (self.values + side * STANDS_OUT * self.stds for side in (-1, 1))
-        return bool(self.together < np.min(low) or self.together > np.max(high))
+        return bool(self.together < np.nanmin(low) or self.together > np.nanmax(high))
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Compared:
             return "The data are too few to compare parts of them: intervals are of this record alone."
         apart = [one for one in self.each if one.differs]
         if not apart:
-            return f"{self.what} agree: each fitted apart, no value differs by more than its deviations allow."
+            return f"{self.what} agree: no value differs between them by more than its deviations allow."
         told = "; ".join(one.told for one in apart)
         sentence = f"{self.what} differ by more than their deviations allow, and intervals are widened by that: {told}."
         odd = sorted({one.odd for one in apart if one.odd})
@@ -106,15 +107,30 @@ def of_logs(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> Compar
     return Compared(f"The logs ({names})", tuple(_between(problem, fit, parts)))
 
 
-def of_quarters(problem: Problem, fit: FrictionFit) -> Compared:
-    """The model fitted to each quarter of one training log."""
-    groups = _quarters(problem)
-    if min(np.count_nonzero(rows) for rows in groups) < ROWS_A_NUMBER * len(fit.names):
+def of_quarters(fit: FrictionFit, whole: Mapping[str, tuple[float, float]]) -> Compared:
+    """What each quarter of one training log makes of the ``whole`` values.
+
+    The quarters are not fitted: what one of them does not excite has no value there. Each moves the values of the whole
+    by its own residuals, and by chance no further than the noise within it does.
+    """
+    if np.count_nonzero(fit.rows) < QUARTERS * ROWS_A_NUMBER * len(fit.names):
         return Compared("", ())
-    near = fit.shape if fit.shape.size else None
-    fits = [fit_friction(problem.equation, fit.model, rows, near=near) for rows in groups]
-    parts = [Part.of("", problem, each) for each in fits]
-    return Compared("Quarters of the record", tuple(_between(problem, fit, parts)))
+    moved = zip(whole.items(), fit.of_quarters.values.T, fit.of_quarters.stds.T, strict=True)
+    told = [_of_quarters(name, value, *each) for (name, (value, _)), *each in moved if not _own(name, fit)]
+    return Compared("Quarters of the record", tuple(told))
+
+
+def _of_quarters(name: str, value: float, moved: FloatArray, stds: FloatArray) -> Between:
+    squares = float(np.sum(moved**2))
+    p = chi2_tail(squares / max(float(np.mean(stds**2)), 1e-300), QUARTERS - 1)
+    # As a sandwich estimate with a block for each quarter, which knows few blocks.
+    std = t_quantile(0.975, QUARTERS - 1) / NORMAL_95 * np.sqrt(QUARTERS / (QUARTERS - 1) * squares)
+    return Between(name, value + QUARTERS * moved, QUARTERS * stds, value, p, float(std) if p < SELDOM else 0.0)
+
+
+def _own(name: str, fit: FrictionFit) -> bool:
+    """Whether a value cannot be compared: it is of a part's own time or displacement, or lies at a bound."""
+    return name.startswith(OF_A_PART) or name in fit.at_bound
 
 
 def trained_places(problem: Problem) -> list[str]:
@@ -124,19 +140,13 @@ def trained_places(problem: Problem) -> list[str]:
     return list(dict.fromkeys(place[problem.train]))
 
 
-def _quarters(problem: Problem) -> list[BoolArray]:
-    count = np.cumsum(problem.train)
-    part = np.minimum((count - 1) * PARTS // max(int(count[-1]), 1), PARTS - 1)
-    return [problem.train & (part == each) for each in range(PARTS)]
-
-
 def _between(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> list[Between]:
     result = []
     for name, (value, _) in with_delays(problem, fit).items():
         pairs = [part.values.get(name, (np.nan, np.nan)) for part in parts]
         values, stds = (np.array(each) for each in zip(*pairs, strict=True))
         known = np.isfinite(stds) & (stds > 0)
-        if name.startswith(OF_A_PART) or name in fit.at_bound or np.count_nonzero(known) < 2:
+        if _own(name, fit) or np.count_nonzero(known) < 2:
             continue
         both = combine(values[known], stds[known])
         differs = both.p < SELDOM

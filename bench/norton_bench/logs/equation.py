@@ -64,7 +64,8 @@ class Terms:
             port=port,
             # What hangs beyond a sensor at the port is no part of the actuator.
             load=None if port is not None else _known_load(stretch, link or motion, translation=translation),
-            pressing=_pressing(stretch, link or motion, port, translation=translation),
+            # Where no command tells what else drives, the torque measured is the friction's own: it cannot explain it.
+            pressing=_pressing(stretch, link or motion, None if drive is None else port, translation=translation),
             temperature=stretch.columns.get("temperature"),
             sound=stretch.sound & enabled(stretch) & _inside(stretch, delays),
         )

@@ -114,8 +114,12 @@ SPELT = {
     "°": "deg",
     "°/s": "deg/s",
     "dps": "deg/s",
+    "deg/sec": "deg/s",
+    "rad/sec": "rad/s",
     "°C": "degC",
     "C": "degC",
+    "Celsius": "degC",
+    "celsius": "degC",
     "Amps": "A",
     "amp": "A",
     "volt": "V",
@@ -271,12 +275,23 @@ def _read_hdf5(path: Path, _: LogSection) -> dict[str, object]:
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             value = item[()]
             names = getattr(value, "dtype", None) and value.dtype.names
-            result.update({f"{name}/{field}": value[field] for field in names} if names else {name: value})
+            whole = f"{name}{_unit_behind(item.attrs)}" if np.ndim(value) else name
+            result.update({f"{name}/{field}": value[field] for field in names} if names else {whole: value})
 
     with h5py.File(path) as file:
         file.visititems(visit)
         result.update({name: value for name, value in file.attrs.items() if name not in result})
     return result
+
+
+def _unit_behind(attributes: Mapping[str, object]) -> str:
+    """The unit that a dataset's attributes give, as it stands behind a name."""
+    for key in ("units", "unit"):
+        value = attributes.get(key)
+        text = value.decode() if isinstance(value, bytes) else value
+        if isinstance(text, str) and text.strip():
+            return f" [{text.strip()}]"
+    return ""
 
 
 def _read_json_lines(path: Path, _: LogSection) -> dict[str, object]:

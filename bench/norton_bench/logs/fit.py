@@ -1,7 +1,7 @@
 """Foreign logs to a fit: read, checked, put on a grid, fitted by every model of friction, and predicted."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path
@@ -32,9 +32,11 @@ from norton_bench.logs.sanity_checks import (
     out_of_step,
     scales_apart,
     swapped,
+    turned,
     unexplained,
     unlike_derivative,
     unlike_link,
+    untold_gain,
     variation,
     wrong_signs,
 )
@@ -162,6 +164,7 @@ def fit_logs(request: Request) -> LogFit:
     parts, sentences = _on_grid(logs, column_map, train, test)
     remarks += sentences
     splits = _splits(parts, train, test)
+    remarks += _overlap(parts, train, test)
     if request.test is not None and not any(split[1].any() for split in splits):
         longest_s = max(float(log.time_s[-1]) for log in logs)
         raise UsageError(
@@ -243,6 +246,15 @@ def _splits(
     return [train_and_test(train, test, Path(part.log.place), part.time_s) for part in parts]
 
 
+def _overlap(parts: Sequence[Stretch], train: Selection | None, test: Selection | None) -> Iterator[str]:
+    """Whether rows are named to be trained on and to be tested."""
+    if train is None or test is None:
+        return
+    pairs = ((Path(part.log.place), part.time_s) for part in parts)
+    if any((train.of(*each) & test.of(*each)).any() for each in pairs):
+        yield "--train and --test overlap: rows that both name are trained on, and not tested."
+
+
 def _asked(request: Request) -> str | None:
     """The model that is asked for; None for the best."""
     asked = request.model or request.column_map.model.friction
@@ -289,6 +301,7 @@ def _doubts(
     if units:
         return tuple(units)  # which say themselves what is swapped
     result = [*ahead_of_goal(problem.stretches, problem.filters)]
+    exchanged = bool(result)
     if not held(chosen, selected(fitted.rungs)):
         return tuple(result)  # what a law lacks looks like many a mistake
     with_contact = basic.with_contact(chosen.fit)
@@ -296,15 +309,21 @@ def _doubts(
     if apart:
         return apart
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
-    result = result or [*wrong_signs(with_contact, column_map, ratio)]
+    signs = {} if with_contact.sound else turned(logs, again)
+    result = result or [*wrong_signs(with_contact, column_map, ratio, signs)]
+    untold = () if result else tuple(untold_gain(basic, column_map))
+    if untold:
+        return untold
     if column_map.model.refine is None:
         # What is refined on the motion is judged by it.
         result = result or [*out_of_step(problem, chosen.fit, column_map)]
         hung = () if result else tuple(hanging(again(logs), left, column_map))
         if hung:
             return hung
-        result = result or [*unexplained(basic, left)]
-    return (*result, *(swapped(logs, basic, again) if result else ()))
+        result = result or [*unexplained(basic, left, column_map)]
+    # With a sign turned all agrees: no two columns need change their places.
+    looked_for = result and not signs and not exchanged
+    return (tuple(swapped(logs, again)) if looked_for else ()) or tuple(result)
 
 
 def _each_log(column_map: ColumnMap, fitted: Estimated, readings: Readings) -> tuple[Part, ...]:
@@ -354,6 +373,8 @@ def _apart(
     measured = first.port is not None or first.load is not None
     if first.gain is None or not measured or not column_map.model.inertia or column_map.model.refine is not None:
         return ()
+    if basic.carried is not None:
+        return ()  # nothing else tells a gain
     bare = [replace(log, givens={each: value for each, value in log.givens.items() if each != key}) for log in logs]
     freed = _by_law(column_map, readings_of(bare), fitted.chosen.model)
     return tuple(scales_apart(first.gain, freed.problem, freed.chosen.fit, basic, left))

@@ -14,7 +14,7 @@ from norton_bench.logs.column_map import ColumnMap, ColumnSection, Given
 from norton_bench.logs.files import Content, plain_unit, read_file
 from norton_bench.logs.gears import at_joint
 from norton_bench.logs.joints import of_its_joint
-from norton_bench.logs.streams import Stream, filled_apart, on_rows
+from norton_bench.logs.streams import SPARSE, Stream, filled_apart, on_rows
 from norton_bench.units import conversion
 
 # Fewer rows than this tell nothing of a machine.
@@ -68,8 +68,7 @@ def _rows_of(
         return on_rows(content.place, streams, column_map.log.gap_s)
     others = {what: values for what, values in columns.items() if what != "time"}
     if "time" in columns:
-        dense = {what: values for what, values in others.items() if what not in SPARSE}
-        if len({len(values) for values in columns.values()}) == 1 and filled_apart(columns["time"], dense):
+        if len({len(values) for values in columns.values()}) == 1 and filled_apart(columns["time"], others):
             names = {what: section.name for what, section in column_map.mapped().items()}
             streams = {what: Stream(names[what], columns["time"], values).ordered() for what, values in others.items()}
             return on_rows(content.place, streams, column_map.log.gap_s)
@@ -246,8 +245,6 @@ def held_rows(log: Log) -> tuple[int, int] | None:
 MOST_MISSING = 0.5
 # With more steps back than this a column is not the time.
 NO_CLOCK = 0.01
-# What follows from the others, or changes slowly, may be missing in a row.
-SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
 
 
 def usable_rows(log: Log) -> Log:

@@ -5,11 +5,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray, IntArray
 
 # Lists of words that name the entries of the lists beside them and below.
 NAMES = ("name", "names", "joint_name", "joint_names", "interface_names")
+# What an entry of such a list calls itself: foxglove.JointStates.
+OWN_NAME = ("name", "joint_name", "joint")
 # How libraries write an instant: whole seconds and nanoseconds.
 INSTANTS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
 # The instant that a message is of, in a header or without one.
@@ -169,12 +172,24 @@ def _words(value: object) -> list[str]:
     return list(value) if all(isinstance(each, str) for each in value) else []
 
 
+def _own_names(entries: Sequence[Any] | npt.NDArray[Any]) -> list[str]:
+    """What the entries of a list call themselves, where each has a name of its own."""
+    if not all(isinstance(each, Mapping) or hasattr(each, "DESCRIPTOR") for each in entries):
+        return []
+    names = [
+        next((name for key in OWN_NAME if isinstance(name := dict(_fields(each)).get(key), str)), "")
+        for each in entries
+    ]
+    return names if all(names) and len(set(names)) == len(names) else []
+
+
 def _of_value(place: str, value: Any, names: Sequence[str]) -> Iterator[tuple[str, float]]:
     if isinstance(value, (bool, int, float, np.number, np.bool_)):
         yield place, float(value)
     elif value is None or isinstance(value, (str, bytes, memoryview)):
         return
     elif isinstance(value, (Sequence, np.ndarray)):
+        names = _own_names(value) or names
         named = len(names) == len(value)
         if named or len(value) <= LONGEST:
             for index, each in enumerate(value):

@@ -11,7 +11,7 @@ from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
 from norton_bench.logs.between import Part, of_logs, of_quarters, widened
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.delays import SHIFT
+from norton_bench.logs.delays import SHIFT, with_delays
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.estimate import Estimated
 from norton_bench.logs.link import spring_of
@@ -40,6 +40,8 @@ from norton_bench.models.parameters import Estimate, Status
 HALF_A_SAMPLE = 0.5
 # The weight, and the share of the rows, from which on rows near rest are spoken of.
 HALF = 0.5
+# Beyond these many deviations from zero a term is no accident, although several laws are looked at.
+SURE = 3.0
 WORTH_SAYING = 0.01
 
 
@@ -89,7 +91,7 @@ def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
     column_map, problem = judged.column_map, judged.problem
     whole = judged.chosen.fit
-    parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
+    parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(whole, with_delays(problem, whole))
     fit = widened(whole, parts)
     doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
@@ -108,6 +110,7 @@ def outcome(judged: Judged) -> LogFit:
     said = [
         *wrong,
         *_outdone(judged),
+        *_open(judged),
         *judged.remarks,
         *verdict,
         *(() if problem.scaled else _ratios(total, column_map.units.drive)),
@@ -171,6 +174,33 @@ def _outdone(judged: Judged) -> Iterator[str]:
         )
 
 
+def _open(judged: Judged) -> Iterator[str]:
+    """The simplest law with a term more than the chosen one that is no better on held-out parts, though the term is
+    surely there if the law is right."""
+    chosen = judged.chosen
+    known = {term.name for term in chosen.model.terms}
+    for rung in sorted(judged.fitted.rungs, key=lambda each: len(each.fit.names)):
+        more = [term.name for term in rung.model.terms if term.name not in known]
+        contained = known < {term.name for term in rung.model.terms}
+        if not contained or rung.held_out_rms > chosen.held_out_rms + chosen.held_out_std:
+            continue
+        sure = [each for each in _estimates(judged, rung, rung.fit)[0] if each.name in more and _beyond_zero(each)]
+        if sure:
+            told = " and ".join(
+                f"{each.name.replace('_', ' ')} {each.value:.3g} ± {each.half_interval:.2g} {each.unit}".rstrip()
+                for each in sure
+            )
+            yield (
+                f"{rung.name} would have {told}, and is no better than {chosen.name} on held-out parts: whether this "
+                "friction has it is open. A longer log, or more motion where it shows, would tell."
+            )
+            return
+
+
+def _beyond_zero(estimate: Estimate) -> bool:
+    return estimate.status is Status.VALID and abs(estimate.value) > SURE * estimate.std
+
+
 def _totals(judged: Judged, fit: FrictionFit) -> tuple[Estimate, ...]:
     """Of the chosen law, which may be outdone by another one."""
 
@@ -217,7 +247,7 @@ def _estimates(judged: Judged, rung: Rung, fit: FrictionFit) -> tuple[tuple[Esti
         estimates, message = without_scale(estimates, column_map.units)
         verdict.append(message)
     elif log.given("actuator", "torque_gain") is not None and "exertion" not in log.columns:
-        verdict.append("No torque was measured: the scale of every exertion is that of the torque gain given.")
+        verdict.append("Nothing measures the torque at the port: its scale is that of the torque gain given.")
     if not fit.converged:
         verdict.append("The fit did not converge: treat every number as provisional, and use a longer log.")
     return estimates, verdict

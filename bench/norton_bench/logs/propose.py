@@ -33,7 +33,7 @@ SLOWEST_S = 0.5
 ANGLES, SPEEDS = ("rad", "deg", "rev"), ("rad/s", "deg/s", "rpm")
 NEAR = 0.1
 # The effort of sensor_msgs/JointState, which is in N·m or N.
-EFFORT = re.compile(r"(^|/)effort(\[|$)")
+EFFORT = re.compile(r"(^|[/.])effort(\[|$)")
 ELECTRIC = {"V": ("volt",), "A": ("current", "amp")}
 LENGTHS = ("m", "mm", "um", "cm", "km")
 ALIKE = 0.7
@@ -46,6 +46,7 @@ class Guess:
     name: str
     unit: str
     sign: int = 1
+    is_torque: bool = False  # of a command: measured, so that its gain is 1
 
 
 def write_proposal(log: Path, folder: Path | None, joint: str | None = None) -> tuple[Path, tuple[str, ...]]:
@@ -139,7 +140,16 @@ def _effort(guesses: dict[str, Guess], sentences: list[str]) -> dict[str, Guess]
         f'the effort "{exertion.name}" is taken to be the torque of the drive at the joint; if a sensor behind the '
         "gears measures it, call it exertion, and leave torque_gain out."
     )
-    return {what if what != "exertion" else "command": guess for what, guess in guesses.items()}
+    return _as_command(guesses)
+
+
+def _as_command(guesses: Mapping[str, Guess]) -> dict[str, Guess]:
+    """With the torque as what drives."""
+    driver = replace(guesses["exertion"], is_torque=True)
+    return {
+        "command" if what == "exertion" else what: driver if what == "exertion" else guess
+        for what, guess in guesses.items()
+    }
 
 
 def _check(log: Path, content: Content, guesses: Mapping[str, Guess]) -> None:
@@ -202,8 +212,8 @@ def _assumed(guesses: Mapping[str, Guess]) -> Mapping[str, str]:
         "velocity": "m/s" if length else "rad/s",
         "goal": position or ("m" if length else "rad"),
         "exertion": "N" if length else "N*m",
-        **({"command": "N" if length else "N*m"} if EFFORT.search(drive) else {}),
         **({"command": electric} if electric else {}),
+        **({"command": "N" if length else "N*m"} if "command" in guesses and guesses["command"].is_torque else {}),
         "temperature": "degC",
     }
 
@@ -256,13 +266,24 @@ def _translation(guesses: Mapping[str, Guess]) -> bool:
 
 
 def _by_power(log: Path, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], list[str]]:
-    """The sign of what drives: turned if inertia or friction come out negative as it is, and do not then."""
+    """The sign of what drives: turned if inertia or friction come out negative as it is, and do not then.
+
+    A torque beside which no command is known, and which drives the motion, is that of the drive.
+    """
     what = "exertion" if "exertion" in guesses else "command"
-    turned = guesses | {what: replace(guesses[what], sign=-guesses[what].sign)}
+    name = guesses[what].name
+    if "command" in guesses:
+        mended = guesses | {what: replace(guesses[what], sign=-guesses[what].sign)}
+        message = f'the sign of the {what} "{name}" is turned: else friction would drive the motion.'
+    else:
+        mended = _as_command(guesses)
+        message = (
+            f'the torque "{name}" drives the motion: it is taken to be that of the drive; if a sensor at the port '
+            "measures what a machine there drives with, call it exertion, with sign = -1."
+        )
     try:
-        if not _sound(log, guesses) and _sound(log, turned):
-            name = guesses[what].name
-            return turned, [f'the sign of the {what} "{name}" is turned: else friction would drive the motion.']
+        if not _sound(log, guesses) and _sound(log, mended):
+            return mended, [message]
     except BenchError:
         pass  # the fit itself says what is wrong
     return guesses, []
@@ -300,8 +321,8 @@ def _text(log: Path, guesses: Mapping[str, Guess], one: Chosen) -> str:
 def _advice(guesses: Mapping[str, Guess], exertion: str) -> Sequence[str]:
     if "exertion" in guesses or "command" not in guesses:
         return ()
-    if EFFORT.search(guesses["command"].name):
-        return ("", "[actuator]", "torque_gain = 1     # the effort is a torque already")
+    if guesses["command"].is_torque:
+        return ("", "[actuator]", "torque_gain = 1     # the command is a torque already")
     unit = guesses["command"].unit or "1"
     return (
         "",

@@ -3,9 +3,10 @@
 Every finding is a sentence with the remedy; any of them makes all estimates doubtful.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypedDict
 
 import numpy as np
 
@@ -37,6 +38,8 @@ LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
 AS_GOOD = 1.5  # where signs are wrong as it is
+LOAD_ONLY_PRESSES = " [columns] load says what presses on the gears, and is not taken off: what a sensor at the port measures is exertion."
+DRIVERS = ("command", "exertion")
 SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
 # A position that leads its goal by more than this many samples, and by this many deviations.
 LEAD_SAMPLES = 0.5
@@ -54,18 +57,35 @@ class Basic:
     """The equation with Coulomb and viscous friction and nothing held to a sign. ``unexplained`` is over what varies.
 
     ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
-    are not sought.
+    are not sought. ``carried`` is the inertia that the port carries, and its deviation, where the torque there follows
+    from the motion alone. ``contradicted`` says whether the torque at the port asks for another gain than that given.
     """
 
     unexplained: float
     inertia: float | None
     braking: float | None
     gain: float | None
+    carried: tuple[float, float] | None
+    contradicted: bool
 
     @property
     def sound(self) -> bool:
         """Whether nothing has the wrong sign."""
-        return all(ratio is None or ratio > -SIGNIFICANT for ratio in (self.inertia, self.braking, self.gain))
+        ratios = (self.inertia, self.braking, self.gain)
+        return not self.carries_less_than_nothing and (
+            self.gain_untold or all(ratio is None or ratio > -SIGNIFICANT for ratio in ratios)
+        )
+
+    @property
+    def carries_less_than_nothing(self) -> bool:
+        """Whether the inertia at the port is negative."""
+        return self.carried is not None and self.carried[0] < -SIGNIFICANT * self.carried[1]
+
+    @property
+    def gain_untold(self) -> bool:
+        """Whether a gain is sought that nothing tells: without any command the equation holds as well, with the load's
+        inertia, turned round, as the actuator's."""
+        return self.carried is not None and self.gain is not None
 
     def with_contact(self, fit: FrictionFit) -> "Basic":
         """With the signs of a fit whose friction remembers the path: that of velocity alone may not tell them."""
@@ -101,7 +121,53 @@ class Basic:
             inertia=ratio.get("inertia") if own else None,
             braking=float(weights @ linear[-2:]) / spread if own else None,
             gain=ratio.get(TORQUE_GAIN),
+            **_at_port(problem),
         )
+
+
+class AtPort(TypedDict):
+    """What a sensor at the port tells, as in :class:`Basic`."""
+
+    carried: tuple[float, float] | None
+    contradicted: bool
+
+
+def _at_port(problem: Problem) -> AtPort:
+    """A load at the port may move as it is driven: then the gain, if it is free, is nothing, or gives the actuator less
+    than no inertia, and nothing else tells a gain."""
+    drive = problem.joined("drive")
+    if problem.terms[0].port is None or drive is None:
+        return {"carried": None, "contradicted": False}
+    equation, rows = problem.equation, problem.train
+    motions = [term.link or term.motion for term in problem.terms]
+    angle, velocity, acceleration = (
+        np.concatenate([getattr(motion, name) for motion in motions])
+        for name in ("position", "velocity", "acceleration")
+    )
+    own = [acceleration, velocity, np.sign(velocity), np.ones(angle.size)]
+    columns = equation.process(np.stack([*own, angle, np.sin(angle), np.cos(angle), drive]))[:, rows]
+    motion, command, port, time_s = columns[:-1], columns[-1], problem.exertion[rows], equation.time_s[rows]
+    free, deviations = _linear(np.concatenate([columns[: len(own)], columns[-1:]]), port, time_s)
+    untold = free[0] > SIGNIFICANT * deviations[0] or abs(free[-1]) < SIGNIFICANT * deviations[-1]
+    follow = (_rms(_left(motion, each)) < UNEXPLAINED * np.std(each) for each in (port, command))
+    if untold and all(follow):
+        alone, deviations = _linear(motion, port, time_s)
+        return {"carried": (float(alone[0]), float(deviations[0])), "contradicted": False}
+    given = problem.terms[0].gain
+    far = given is not None and abs(free[-1] - given) > max(0.5 * abs(given), SIGNIFICANT * deviations[-1])
+    return {"carried": None, "contradicted": far}
+
+
+def _linear(columns: FloatArray, values: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By how much each of ``columns`` (k, n) explains ``values`` (n,) beside the others, and the deviations, (k,)."""
+    linear = linear_solution(columns, values)
+    covariance = sandwich(columns.T, values - linear @ columns, time_s)
+    return linear, np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+
+
+def _left(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """Of ``values`` (n,), what ``columns`` (k, n) do not explain."""
+    return np.asarray(values - linear_solution(columns, values) @ columns)
 
 
 def _columns(problem: Problem) -> FloatArray:
@@ -120,21 +186,57 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def wrong_signs(basic: Basic, column_map: ColumnMap, gear_ratio: float | None) -> Iterator[str]:
+def turned(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Mapping[str, float]:
+    """The columns of what drives with whose sign turned nothing is wrong, and what the equation then leaves."""
+    result: dict[str, float] = {}
+    basic = _basic_of(logs, solve)
+    if basic is None:
+        return result
+    for name in (each for each in DRIVERS if each in logs[0].columns):
+        other = _basic_of([_with_turned(log, name) for log in logs], solve)
+        least = min(AS_GOOD * basic.unexplained, UNEXPLAINED)
+        if other is not None and other.sound and not other.contradicted and other.unexplained < least:
+            result[name] = other.unexplained
+    return result
+
+
+def wrong_signs(
+    basic: Basic, column_map: ColumnMap, gear_ratio: float | None, mends: Mapping[str, float]
+) -> Iterator[str]:
     """Inertia and dissipation are positive, and so is a gain, if the signs of the columns agree; gears that turn the
-    other way turn that of the motor's command."""
+    other way turn that of the motor's command. ``mends`` are the columns that :func:`turned` names."""
     columns = column_map.columns
-    driver = "exertion" if columns.exertion is not None else "command"
-    mend = f"turn the sign of {driver} or of the motion in [columns] (sign = -1)"
-    if driver == "exertion" and column_map.actuator.torque_gain is not None:
-        mend += ", or check [actuator] torque_gain: with too small a gain the motor seems lighter than it is"
-    turned = columns.command is not None and columns.command.side == "motor" and (gear_ratio or 1.0) < 0
-    if basic.gain is not None and (-basic.gain if turned else basic.gain) < -SIGNIFICANT:
+    both = columns.exertion is not None and columns.command is not None
+    driver = min(mends, key=lambda name: mends[name], default="exertion" if columns.exertion is not None else "command")
+    mend = f"turn the sign of {driver}{'' if mends and both else ' or of the motion'} in [columns] (sign = -1)"
+    agree = f"the signs of {driver} and motion do not agree; {mend}"
+    if both and not mends and column_map.actuator.torque_gain is not None:
+        agree = (
+            "turning no sign mends it; check the units and scales of exertion and of [actuator] torque_gain: beside so "
+            "great a torque at the port, with so small a gain, nothing is left for the motor"
+        )
+    backwards = columns.command is not None and columns.command.side == "motor" and (gear_ratio or 1.0) < 0
+    if basic.carries_less_than_nothing:
+        yield f"The torque at the port is that of a load with a negative inertia: {agree}."
+    elif basic.gain_untold:
+        return
+    elif basic.gain is not None and (-basic.gain if backwards else basic.gain) < -SIGNIFICANT:
         yield f"A positive command drives the shaft backwards: {mend.replace(driver, 'command')}."
     elif basic.inertia is not None and basic.inertia < -SIGNIFICANT:
-        yield f"The inertia comes out negative: the signs of {driver} and motion do not agree; {mend}."
+        yield f"The inertia comes out negative: {agree}."
     elif basic.braking is not None and basic.braking < -SIGNIFICANT:
-        yield f"Friction comes out negative, driving the motion: the signs of {driver} and motion do not agree; {mend}."
+        yield f"Friction comes out negative, driving the motion: {agree}."
+
+
+def untold_gain(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
+    """A torque at the port that is only what the load answers the motion with."""
+    if basic.gain_untold and basic.carried is not None:
+        unit = "kg" if column_map.translation else "kg*m^2"
+        yield (
+            f"The torque at the port follows from the motion alone, as that of an inertia of {basic.carried[0]:.3g} "
+            f"{unit}: beside it the command tells no torque gain. Give [actuator] torque_gain, or load the port by a "
+            "brake or a second drive."
+        )
 
 
 def out_of_step(problem: Problem, fit: FrictionFit, column_map: ColumnMap) -> Iterator[str]:
@@ -201,12 +303,14 @@ def scales_apart(given: float, freed: Problem, fit: FrictionFit, basic: Basic, l
         )
 
 
-def unexplained(basic: Basic, left: float) -> Iterator[str]:
+def unexplained(basic: Basic, left: float, column_map: ColumnMap) -> Iterator[str]:
     """``left`` is what the model that was chosen leaves, relative to what varies."""
     if min(basic.unexplained, left) > UNEXPLAINED:
+        columns = column_map.columns
         yield (
             f"The equation leaves {min(basic.unexplained, left):.0%} of the exertion unexplained: check which column "
             "is which, their units and signs, and whether something else acted."
+            + (LOAD_ONLY_PRESSES if columns.load is not None and columns.exertion is None else "")
         )
 
 
@@ -219,25 +323,35 @@ def astray(motion: ErrorFigures | None) -> Iterator[str]:
         )
 
 
-def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
+def swapped(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
     """Two columns that explain far more with their places changed."""
     names = [name for name in SWAPPABLE if name in logs[0].columns]
+    if "position" in names:
+        names = [name for name in names if name != "velocity"]  # which is its derivative, or it would have been said
     result: list[tuple[float, str]] = []
+    basic = _basic_of(logs, solve)
+    if basic is None:
+        return
     for first, second in combinations(names, 2):
         if first == "position" and not _may_be_position(logs, second):
             continue
-        try:
-            other = Basic.of(solve([_with_swapped(log, first, second) for log in logs]))
-        except BenchError:
-            continue
+        other = _basic_of([_with_swapped(log, first, second) for log in logs], solve)
         # A goal is so like its position that either would do.
         much = BETTER if basic.sound or second == "goal" else AS_GOOD
-        if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
+        if other is not None and other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
             result.append(
                 (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
             )
     if result:
         yield min(result)[1]
+
+
+def _basic_of(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Basic | None:
+    """None where they cannot be fitted."""
+    try:
+        return Basic.of(solve(logs))
+    except BenchError:
+        return None
 
 
 def _may_be_position(logs: Sequence[Log], other: str) -> bool:
@@ -261,6 +375,10 @@ def _may_be_position(logs: Sequence[Log], other: str) -> bool:
 def _rough(values: FloatArray) -> float:
     """Of what varies, the share that changes from row to row."""
     return float(np.std(np.diff(values))) / max(float(np.std(values)), 1e-300)
+
+
+def _with_turned(log: Log, name: str) -> Log:
+    return replace(log, columns={**log.columns, name: -log.columns[name]})
 
 
 def _with_swapped(log: Log, first: str, second: str) -> Log:

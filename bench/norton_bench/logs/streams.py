@@ -13,6 +13,8 @@ GAP = 5.0
 # What counts until the next message comes, however late; a command counts no longer than the gaps that are bridged.
 STATES = ("goal", "enabled")
 HELD = ("command", *STATES)
+# What follows from the others, or changes slowly, may be missing in a row.
+SPARSE = ("temperature", "supply", "normal", "enabled", "goal")
 # Faster than the rows by this much, and single readings would alias: means are taken.
 FASTER = 1.5
 
@@ -47,7 +49,8 @@ class Stream:
 def filled_apart(time_s: FloatArray, columns: Mapping[str, FloatArray]) -> bool:
     """Whether the columns (n,) of a table were sampled apart: each has its own rows, and nothing in those of others.
 
-    That is so where most rows lack the position, or what most of its rows lack, at even intervals.
+    That is so where most rows lack the position, or what most of its rows lack, at even intervals; and where none of
+    its rows has what may be missing in some.
     """
     lead = "position" if "position" in columns else "velocity"
     if lead not in columns:
@@ -58,6 +61,10 @@ def filled_apart(time_s: FloatArray, columns: Mapping[str, FloatArray]) -> bool:
         return False
     for what, values in columns.items():
         known = clock & np.isfinite(values)
+        if what in SPARSE:
+            if known.any() and not known[own].any():
+                return True
+            continue
         sparse = np.mean(known) < MOSTLY if what == lead else np.mean(known[own]) < MOSTLY
         if sparse and _even(time_s[known]):
             return True

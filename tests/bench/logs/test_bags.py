@@ -22,6 +22,7 @@ from norton_bench.logs.column_map import LogSection
 from norton_bench.logs.files import Content, read_file
 from norton_bench.logs.fit import Request, fit_logs
 from norton_bench.logs.log import read_log
+from norton_bench.logs.messages import Collector
 from tests.bench.logs.bags import (
     EPOCH_NS,
     JOINTS,
@@ -144,6 +145,20 @@ def test_json(tmp_path: Path) -> None:
     np.testing.assert_array_equal(content.array("/state/elbow/angle", "here"), position)
     np.testing.assert_allclose(content.times_s["/state/elbow/angle"], time_s, atol=1e-9)
     assert "/state/note" not in content.arrays
+
+
+def test_entries_that_have_names_of_their_own_are_called_by_them(tmp_path: Path) -> None:
+    """As in foxglove.JointStates, whatever the order of a message."""
+    columns = Collector()
+    for k in range(6):
+        joints = [{"name": name, "position": float(k), "effort": 1.0} for name in ("wrist", "elbow")]
+        columns.add("/state", EPOCH_NS + k, {"joints": joints[:: 1 if k % 2 else -1]})
+    arrays = columns.columns().arrays
+    assert {"/state/joints[elbow]/position", "/state/joints[wrist]/effort"} <= set(arrays)
+    np.testing.assert_array_equal(arrays["/state/joints[elbow]/position"], np.arange(6.0))
+    twice = Collector()
+    twice.add("/state", EPOCH_NS, {"joints": [{"name": "elbow", "position": 1.0}] * 2})
+    assert "/state/joints[1]/position" in twice.columns().arrays
 
 
 def test_protobuf_also_where_messages_contain_each_other(tmp_path: Path) -> None:

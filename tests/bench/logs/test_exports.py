@@ -76,6 +76,23 @@ def test_a_table_of_topics_without_times_is_a_table(tmp_path: Path) -> None:
     assert read_file(path, LogSection(motion="rotation")).array("value", "here").size == 60
 
 
+def test_a_temperature_in_rows_of_its_own_is_a_stream(tmp_path: Path) -> None:
+    """Joint states share their rows; what is slow has rows of its own, between these."""
+    time_s, position, _ = moved("elbow")
+    torque = -TRUE["elbow"].force(time_s)
+    rows = [(t, f"{q:.9f},{tau:.9f},") for t, q, tau in zip(time_s, position, torque, strict=True)]
+    rows += [(t + 0.0004, f",,{20.0 + t:.3f}") for t in time_s[::20]]
+    path = tmp_path / "elbow.csv"
+    path.write_text("\n".join(["__time,q,tau,/temp/data", *(f"{EPOCH_S + t:.6f},{row}" for t, row in sorted(rows))]))
+    text = MAP.format(time="__time", position="q", exertion="tau")
+    log = read_log(
+        path, column_map(text.replace("[model]", 'temperature = { name = "/temp/data", unit = "degC" }\n[model]'))
+    )
+    inside = slice(10, -50)
+    assert log.time_s.size == time_s.size
+    assert log.columns["temperature"][inside] == pytest.approx(20.0 + log.time_s[inside], abs=0.01)
+
+
 @pytest.mark.parametrize("every", [4, 7])
 def test_a_position_in_every_so_many_rows_gives_the_rows(tmp_path: Path, every: int) -> None:
     time_s = np.arange(7000) / 1000

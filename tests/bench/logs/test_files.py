@@ -172,3 +172,14 @@ def test_numbers_of_the_file_itself_are_known_values(tmp_path: Path) -> None:
     assert log.given("load", "inertia") == 0.25
     with pytest.raises(UsageError, match='holds no number "nothing"'):
         read_log(tmp_path / "log.json", column_map(text.replace(", default = 0.25", "")))
+
+
+def test_units_in_the_attributes_of_a_dataset_stand_behind_its_name(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for name, unit in (("angle", "deg"), ("speed", b"rpm"), ("tau", None)):
+            file[name] = np.arange(5.0)
+            if unit is not None:
+                file[name].attrs["units"] = unit
+    content = read_file(tmp_path / "log.h5", LogSection(motion="rotation"))
+    assert [content.unit(name) for name in ("angle", "speed", "tau")] == ["deg", "rpm", ""]
+    assert content.array("angle", "here") == pytest.approx(np.arange(5.0))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.logs.fit import Request, fit_logs, parse_selection
 from norton_bench.models.parameters import Status
@@ -33,7 +34,7 @@ def test_known_gain_and_a_free_port(tmp_path: Path, text: str) -> None:
     near(fit, **ALL)
     assert fit.converged
     assert not fit.doubtful
-    assert any("the scale of every exertion is that of the torque gain given" in said for said in fit.verdict)
+    assert any("its scale is that of the torque gain given" in said for said in fit.verdict)
     assert fit.train.exertion is not None
     needed = float(np.sqrt(np.mean(TRUE.needed(TRUE.log()["t"]) ** 2)))
     assert fit.train.exertion.relative < 0.05
@@ -346,3 +347,72 @@ def test_a_maps_split_counts_where_its_logs_are_at_hand(tmp_path: Path) -> None:
     alone = fit_logs(Request((other,), column_map(FREE + split)))
     assert alone.train.exertion is not None
     assert alone.test.exertion is None
+
+
+def test_a_measured_torque_does_not_explain_itself_as_friction_by_load(tmp_path: Path) -> None:
+    """Without a command all of it is taken by the machine: a friction in proportion to it would be any friction."""
+    text = LOADED.replace('command = { name = "u2", unit = "A" }', "").replace('candidates = ["coulomb-viscous"]', "")
+    log = TRUE.log()
+    fit = fit_of(tmp_path, log | {"tau": -TRUE.gain * log["u"]}, text.replace('"coulomb-viscous"', '"best"'))
+    assert "load-dependent" not in {step.model for step in fit.ladder}
+    near(fit, **ALL)
+    assert {each.name: each for each in fit.totals}["total_coulomb"].value == pytest.approx(TRUE.coulomb, rel=0.01)
+
+
+CARRIED = 0.03  # kg·m², by the actuator's port, and nothing else
+
+
+def carrying(**changes: FloatArray | float) -> Columns:
+    """A log of an actuator that drives an inertia behind a torque sensor."""
+    log = TRUE.log()
+    torque = CARRIED * TRUE.motion(log["t"])[2]
+    noise = 0.005 * np.random.default_rng(3).standard_normal(log["t"].size)
+    return log | {"u2": log["u"] + torque / TRUE.gain, "tau": torque + noise}
+
+
+GIVEN = LOADED.replace("[model]", '[actuator]\ntorque_gain = "2 N*m/A"\n[model]')
+
+
+def test_an_inertia_alone_at_the_port_leaves_a_given_gain_in_peace(tmp_path: Path) -> None:
+    fit = fit_of(tmp_path, carrying(), GIVEN)
+    assert not fit.doubtful, fit.verdict
+    near(fit, **ALL)
+
+
+def test_an_inertia_alone_at_the_port_tells_no_gain(tmp_path: Path) -> None:
+    fit = fit_of(tmp_path, carrying(), LOADED)
+    assert any("follows from the motion alone, as that of an inertia of 0.03 kg*m^2" in said for said in fit.verdict)
+    assert not any("swapped" in said or "turn the sign" in said for said in fit.verdict)
+    assert {each.status for each in fit.estimates} == {Status.DOUBTFUL}
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "said"),
+    [
+        ("u2", -1.0, "turn the sign of command in"),
+        ("tau", -1.0, "turn the sign of exertion in"),
+        ("tau", 5.0, "turning no sign mends it; check the units and scales of exertion"),
+    ],
+)
+def test_of_several_columns_the_wrong_one_is_named(tmp_path: Path, name: str, factor: float, said: str) -> None:
+    log = carrying()
+    fit = fit_of(tmp_path, log | {name: factor * log[name]}, GIVEN)
+    assert any(said in sentence for sentence in fit.verdict), fit.verdict
+    assert not any("swapped" in sentence for sentence in fit.verdict)
+
+
+def test_a_law_that_the_record_leaves_open_is_named_with_its_size(tmp_path: Path) -> None:
+    """A Stribeck effect of a thirtieth of the friction: surely there if the law is right, and no better held out."""
+    log = replace(TRUE, noise=0.1).log()
+    velocity = TRUE.motion(log["t"])[1]
+    falls = 0.03 * np.exp(-np.abs(velocity / 0.6)) * np.sign(velocity) / TRUE.gain
+    text = FREE.replace('candidates = ["coulomb-viscous"]', 'candidates = ["coulomb-viscous", "stribeck"]')
+    fit = fit_of(tmp_path, log | {"u": log["u"] + falls}, text.replace('= "coulomb-viscous"', '= "best"'))
+    assert fit.model == "coulomb-viscous"
+    assert any("stribeck would have stribeck torque" in said and "is open" in said for said in fit.verdict), fit.verdict
+
+
+def test_windows_that_overlap_are_said_to(tmp_path: Path) -> None:
+    fit = fit_of(tmp_path, TRUE.log(), train="0:12 s", test="8:20 s")
+    assert any("--train and --test overlap" in said for said in fit.verdict)
+    assert not any("overlap" in said for said in fit_of(tmp_path, TRUE.log(), train="0:8 s", test="8:20 s").verdict)

@@ -214,7 +214,7 @@ def test_a_log_of_another_machine_is_named(tmp_path: Path) -> None:
 
 
 def test_the_quarters_of_one_record_are_compared(tmp_path: Path) -> None:
-    # Each of five values differs by chance with a probability of 5 %: in 4 of 16 seeds one does (2, 3, 6 and 8).
+    # Each of five values differs by chance with a probability of 5 %: in 4 of 20 seeds one does (3, 6, 8 and 12).
     log = replace(TRUE, seed=1).log()
     _, v, _ = TRUE.motion(log["t"])
     steady = fit_of(tmp_path, log)

@@ -160,3 +160,17 @@ def test_a_column_that_holds_a_word_is_named_with_its_row(tmp_path: Path) -> Non
     path.write_text("\n".join(lines))
     with pytest.raises(UsageError, match=r"is a command or exertion; \"torque \[Nm\]\" .* row 501"):
         propose(path)
+
+
+def test_a_torque_that_drives_the_motion_is_that_of_the_drive(tmp_path: Path) -> None:
+    """Nothing else is a command: its gain is 1, and no sign is turned. What brakes is measured at the port."""
+    torque = 2.0 * LOG["u"]
+    drives, said = proposed(tmp_path, {"t": LOG["t"], "q": LOG["q"], "Motor torque (Nm)": torque})
+    assert drives.columns.exertion is None
+    assert drives.columns.command is not None
+    assert (drives.columns.command.unit, drives.columns.command.sign) == ("N*m", 1)
+    assert drives.actuator.torque_gain is not None
+    assert '"Motor torque (Nm)" drives the motion' in said
+    brakes, _ = proposed(tmp_path, {"t": LOG["t"], "q": LOG["q"], "tau [Nm]": -torque})
+    assert brakes.columns.exertion is not None
+    assert brakes.columns.exertion.sign == 1

@@ -70,6 +70,18 @@ def test_emps_finds_its_delay_and_a_model_of_few_numbers() -> None:
     assert 0.4e-3 < estimate(fit, "command_shift").value < 1.0e-3
 
 
+def test_emps_halves_agree_and_neither_is_spoilt_by_what_a_quarter_of_it_does_not_excite() -> None:
+    """The first quarters move one way most of the time: fitted alone, they would have no friction the other way."""
+    column_map = shipped("emps")
+    few = column_map.model.model_copy(update={"candidates": ("film-asymmetric",)})
+    path = (data_file("emps", "DATA_EMPS.mat"),)
+    halves = [fit_logs(Request(path, replace(column_map, model=few), train=part)) for part in ("0:12.4 s", "12.4: s")]
+    for one, other in zip(*(half.estimates for half in halves), strict=True):
+        assert one.status is other.status is Status.VALID, (one, other)
+        assert abs(one.value - other.value) < 2.0 * np.hypot(one.std, other.std), (one, other)
+        assert one.std < 4.0 * other.std < 16.0 * one.std
+
+
 def test_emps_moves_in_its_own_loop_as_it_was_measured(emps: LogFit) -> None:
     assert emps.train.motion is not None
     assert emps.train.motion.relative < 1e-3
