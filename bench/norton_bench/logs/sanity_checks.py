@@ -38,7 +38,10 @@ LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
 AS_GOOD = 1.5  # where signs are wrong as it is
-LOAD_ONLY_PRESSES = " [columns] load says what presses on the gears, and is not taken off: what a sensor at the port measures is exertion."
+LOAD_ONLY_PRESSES = (
+    " [columns] load says what presses on the gears, and is not taken off; what a sensor at the port measures is "
+    "exertion."
+)
 DRIVERS = ("command", "exertion")
 SWAPPABLE = ("position", "velocity", "command", "exertion", "goal")
 # A position that leads its goal by more than this many samples, and by this many deviations.
