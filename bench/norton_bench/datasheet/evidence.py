@@ -75,6 +75,7 @@ def evidence(fit: FitResult, measured: Measured, tests: ResidualTests | None, ti
     samples, known = _samples(fit, aligned, stretches)
     network = fit.network
     lines = orders(samples, {each: _line(aligned, each, network, known) for each in _periods(fit, samples, tests)})
+    lines = tuple(_as_fitted(each, fit) for each in lines)
     deflection_rad = network.coulomb_torque_nm / network.presliding_stiffness_nm_rad
     return replace(
         told,
@@ -172,6 +173,17 @@ def _periods(fit: FitResult, samples: Samples, tests: ResidualTests | None) -> t
         with_torque = strongest_period(samples.position_rad, samples.residual_nm * samples.drive_nm / size, 1.0)
         result += [] if with_torque is None else [with_torque]
     return tuple(dict.fromkeys(result))
+
+
+def _as_fitted(order: Order, fit: FitResult) -> Order:
+    """With the cogging that the network has, where it has this line: there nothing else of the torque is in its way."""
+    for wave in fit.cogging:
+        if wave.periods_per_turn == order.periods_per_turn:
+            half_width = LEVEL * wave.std_nm
+            return replace(
+                order, cogging_nm=replace(order.cogging_nm, amplitude=wave.amplitude_nm, half_width=half_width)
+            )
+    return order
 
 
 def _sliding(measured: Measured, fit: FitResult) -> Iterator[Sliding]:

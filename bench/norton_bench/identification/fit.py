@@ -43,7 +43,7 @@ from norton_bench.identification.shape import MOTOR_VALUES
 from norton_bench.identification.signals import Port, Signals, signals
 from norton_bench.identification.simulated_bench import inertia_of
 from norton_bench.identification.statistics import LOOSE_BEYOND, with_lag_as_told
-from norton_bench.identification.term_estimates import amplitude, terms_found, waves_found
+from norton_bench.identification.term_estimates import cogging_found, terms_found, waves_found
 from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
@@ -205,7 +205,7 @@ def result_of(
         motion_delay_std_s=float(deviations[8]),
         trace=trace(stretches, target * to_torque, (target - solution.residual) * to_torque),
         band=regression.rows[0].kernel,
-        cogging=tuple(amplitude(each) for each in waves_found(solution, to_torque)),
+        cogging=cogging_found(solution, of_unknowns, to_torque),
         torque_bias_nm=bias_of(solution),
         middle_s=regression.middle_s,
         torque_zero=_zero(solution, of_unknowns),

@@ -156,10 +156,12 @@ class Trace:
 
 @dataclass(frozen=True)
 class Cogging:
-    """Torque that goes with the position, taken out of every estimate: so many periods a turn."""
+    """Torque that goes with the position, taken out of every estimate: so many periods a turn; its amplitude, and the
+    deviation of that."""
 
     periods_per_turn: float
     amplitude_nm: float
+    std_nm: float
 
 
 @dataclass(frozen=True)

@@ -30,16 +30,24 @@ def terms_in_torque(solution: Solution, linear: FloatArray) -> tuple[FloatArray,
     return np.array(values), slopes
 
 
-def amplitude(wave: NetworkTerm) -> Cogging:
-    """Of one wave of cogging."""
-    return Cogging(wave.periods_per_turn, float(np.hypot(wave.values[0], wave.values[1])))
-
-
 def waves_found(solution: Solution, to_torque: float) -> tuple[NetworkTerm, ...]:
     """The torques found that go with the position, from the pairs that follow the five linear unknowns."""
     periods = solution.regression.cogging
     pairs = solution.linear[5 : 5 + 2 * len(periods)].reshape(-1, 2) * to_torque
     return tuple(NetworkTerm("cogging", tuple(pair.tolist()), each) for each, pair in zip(periods, pairs, strict=True))
+
+
+def cogging_found(solution: Solution, covariance: FloatArray, to_torque: float) -> tuple[Cogging, ...]:
+    """The amplitudes of these waves, and how well they are known, along their phase; ``covariance`` is that of the
+    solution's unknowns."""
+    result = []
+    for place, wave in enumerate(waves_found(solution, to_torque)):
+        pair = np.array(wave.values)
+        size = float(np.linalg.norm(pair))
+        along, own = pair / size, slice(5 + 2 * place, 7 + 2 * place)
+        std = to_torque * max(float(along @ covariance[own, own] @ along), 0.0) ** 0.5
+        result.append(Cogging(wave.periods_per_turn, size, std))
+    return tuple(result)
 
 
 def terms_found(

@@ -9,13 +9,13 @@ import numpy as np
 from norton_bench.identification.friction_fit import ROUGHNESS
 from norton_bench.identification.friction_laws import CONTAINS, EXCESS
 from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
-from norton_bench.identification.results import SourceMap
+from norton_bench.identification.results import Cogging, SourceMap
 from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.models.parameters import UNITS
+from norton_bench.models.parameters import HALF_INTERVAL, UNITS
 from norton_bench.report.figures_fit import impedance_table_figure, operator_figure, residual_tests_figure
 from norton_bench.report.figures_network import ImpedanceLoop, presliding_loops
 from norton_bench.report.svg import picture
-from norton_bench.report.words import Facts, Section, number, percent, pretty_unit
+from norton_bench.report.words import Facts, Section, number, percent, pretty_unit, within
 from norton_bench.result import Result
 
 # Dependences below this share of the residual's variance are listed, but not explained.
@@ -186,13 +186,14 @@ def residuals_section(data: Result) -> Section | None:
         "removed; and the residual's amplitude by periods a turn. Noise alone stays within the shaded bands 95 times "
         "in 100.",
     )
-    sentences = tuple(residual_sentences(tests, unit))
+    sentences = tuple(residual_sentences(tests, unit, () if data.fit is None else data.fit.cogging))
     return Section("residuals", "What the residual contains", sentences, (drawn,))
 
 
-def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
-    """The results of the tests, largest first, and their possible causes."""
-    sentences = [_harmonic_sentence(each, unit) for each in tests.harmonics]
+def residual_sentences(tests: ResidualTests, unit: str = "N·m", known: Sequence[Cogging] = ()) -> list[str]:
+    """The results of the tests, largest first, and their possible causes; ``known`` is what the network has of them."""
+    fitted = {each.periods_per_turn: each for each in known}
+    sentences = [_harmonic_sentence(each, unit, fitted.get(each.periods_per_turn)) for each in tests.harmonics]
     proven = [each for each in tests.dependences if each.p_value < SIGNIFICANCE / max(1, len(tests.dependences))]
     highest_hz = 0.0 if tests.memory is None else 0.5 / float(tests.memory.lags_s[0])
     greatest = sorted(proven, key=lambda each: -each.share)
@@ -210,9 +211,14 @@ def residual_sentences(tests: ResidualTests, unit: str = "N·m") -> list[str]:
     return [sentences[0].replace("It ", "The residual ", 1), *sentences[1:]]
 
 
-def _harmonic_sentence(harmonic: Harmonic, unit: str) -> str:
+def _harmonic_sentence(harmonic: Harmonic, unit: str, fitted: Cogging | None) -> str:
     times = "once a turn" if harmonic.periods_per_turn == 1 else f"with {harmonic.periods_per_turn:g} periods a turn"
     what = "cogging" if harmonic.periods_per_turn > 2 else "an eccentric or bent part"
+    if fitted is not None:
+        return (
+            f"What the parameters alone leave follows position {times}: the network has this {what}, "
+            f"{within(1e3 * fitted.amplitude_nm, 1e3 * HALF_INTERVAL * fitted.std_nm)} m{unit}."
+        )
     return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} m{unit}."
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from norton_bench.identification.residual_tests import ResidualTests
+from norton_bench.identification.results import Cogging
 from norton_bench.report.figures_fit import impedance_table_figure, operator_figure, residual_tests_figure
 from norton_bench.report.sections_checks import (
     residual_sentences,
@@ -62,6 +63,13 @@ def test_the_residual_in_words(full: Result) -> None:
     assert "follows velocity" in text
     assert "command" not in text
     assert "not white noise (p < 0.001" in text
+
+
+def test_cogging_that_the_network_has_is_not_told_as_something_else(full: Result) -> None:
+    """With the network's value: that of the residual alone is a rougher one."""
+    first, *_ = residual_sentences(full.residuals, known=(Cogging(42.0, 0.31e-3, 0.01e-3), Cogging(7.0, 1e-3, 1e-4)))
+    assert first.startswith("What the parameters alone leave follows position with 42 periods a turn: the network has ")
+    assert first.endswith("this cogging, 0.31 ± 0.02 mN·m.")
 
 
 def quiet(tests: ResidualTests) -> ResidualTests:
