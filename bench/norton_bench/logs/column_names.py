@@ -33,7 +33,7 @@ EMPTY = ("data", "value", "x", "y", "z", "w")
 def kind_of_column(name: str) -> str | None:
     """What a column holds, as a map calls it; None where its name does not tell. No unit may stand behind it."""
     *_, parent, last = ["", *(part.strip("[]_.") for part in name.split("/"))]
-    told = (parent if last.lower() in EMPTY and parent else last).lower()
+    told = re.sub(r"[\s-]+", "_", (parent if last.lower() in EMPTY and parent else last).lower())
     ending = next((f"_{each}" for each in ENDINGS if told.endswith(f"_{each}")), "")
     names = (told, told.removesuffix(ending))
     if SUPPLY.search(name.lower()):

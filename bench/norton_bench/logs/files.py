@@ -41,6 +41,8 @@ SUFFIXES = {
 }
 # What a reader has to say of the file, beside its columns.
 REMARKS = "\0remarks"
+TIME_OF_DAY = re.compile(r"(\d{1,2}):(\d{2}):(\d{2}(?:\.\d*)?)")
+DAY_S = 86400.0
 # A unit behind a name: "tau [Nm]", "q (deg)".
 UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*")
 
@@ -250,8 +252,12 @@ def _arrow_values(column: Any) -> npt.NDArray[Any]:
         # The unit of a stamp stands in its type; as a number it is in seconds.
         ns = column.cast("timestamp[ns]" if kind.startswith("timestamp") else "duration[ns]").cast("int64")
         return np.asarray(ns.to_numpy(), dtype=np.float64) * 1e-9
-    if "string" in kind:
-        return np.asarray(column.to_pylist(), dtype=object)
+    if kind.startswith("time"):
+        column = column.cast("string")
+    if "string" in str(column.type):
+        words = column.to_pylist()
+        of_day_s = _of_day_s(words)
+        return np.asarray(words, dtype=object) if of_day_s is None else of_day_s
     return np.asarray(column.cast("double").to_numpy() if kind in ("bool", "null") else column.to_numpy())
 
 
@@ -264,6 +270,18 @@ def _read_mat(path: Path, section: LogSection) -> dict[str, object]:
     except NotImplementedError:
         return _read_hdf5(path, section)
     return {name: value for name, value in result.items() if not name.startswith("__")}
+
+
+def _of_day_s(words: Sequence[str | None]) -> FloatArray | None:
+    """Times of day, such as "23:59:59.995", in seconds, also past midnight; None where they are something else."""
+    matches = [TIME_OF_DAY.fullmatch(each.strip()) if each else None for each in words]
+    if not any(matches) or any(each is not None and match is None for each, match in zip(words, matches, strict=True)):
+        return None
+    parts = [(float(m[1]), float(m[2]), float(m[3])) if m else (np.nan, np.nan, np.nan) for m in matches]
+    time_s = np.array(parts) @ [3600.0, 60.0, 1.0]
+    known = np.flatnonzero(np.isfinite(time_s))
+    time_s[known] = np.unwrap(time_s[known], period=DAY_S)
+    return np.asarray(time_s)
 
 
 def _read_hdf5(path: Path, _: LogSection) -> dict[str, object]:

@@ -276,9 +276,9 @@ def _by_power(log: Path, guesses: dict[str, Guess]) -> tuple[dict[str, Guess], l
         mended = guesses | {what: replace(guesses[what], sign=-guesses[what].sign)}
         message = f'the sign of the {what} "{name}" is turned: else friction would drive the motion.'
     else:
-        mended = _as_command(guesses)
+        mended, quantity = _as_command(guesses), "force" if _translation(guesses) else "torque"
         message = (
-            f'the torque "{name}" drives the motion: it is taken to be that of the drive; if a sensor at the port '
+            f'the {quantity} "{name}" drives the motion: it is taken to be that of the drive; if a sensor at the port '
             "measures what a machine there drives with, call it exertion, with sign = -1."
         )
     try:

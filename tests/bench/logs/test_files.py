@@ -183,3 +183,13 @@ def test_units_in_the_attributes_of_a_dataset_stand_behind_its_name(tmp_path: Pa
     content = read_file(tmp_path / "log.h5", LogSection(motion="rotation"))
     assert [content.unit(name) for name in ("angle", "speed", "tau")] == ["deg", "rpm", ""]
     assert content.array("angle", "here") == pytest.approx(np.arange(5.0))
+
+
+def test_times_of_day_are_seconds_also_past_midnight(tmp_path: Path) -> None:
+    rows = [f"{hour}:{minute:02}:{second},{k},{k},{k}" for k, (hour, minute, second) in enumerate(NIGHT)]
+    (tmp_path / "log.csv").write_text("\n".join(["clock,q,w,u", *rows]))
+    content = read_file(tmp_path / "log.csv", LogSection(motion="rotation"))
+    assert np.diff(content.array("clock", "here")) == pytest.approx([0.005, 0.005, 0.005], abs=1e-6)
+
+
+NIGHT = [(23, 59, "59.990"), (23, 59, "59.995"), (0, 0, "00.000"), (0, 0, "00.005")]

@@ -70,6 +70,7 @@ def test_a_velocity_that_is_none_is_left_out_and_a_second_joint_named(tmp_path: 
         ("torque_mNm", "exertion", "mN*m"),
         ("F", "exertion", ""),
         ("tau_m", "exertion", ""),
+        ("Carriage Pos", "position", ""),
         ("speed_deg_s", "velocity", "deg/s"),
     ],
 )
