@@ -209,7 +209,7 @@ class TerminalQuestions:
 
 
 def _asked(question: "Question") -> str:
-    choices = f" ({', '.join(question.choices)})" if 0 < len(question.choices) < 12 else ""
+    choices = f" ({', '.join(question.choices)})" if question.choices and question.listed else ""
     hint = f" [{question.default}]" if question.default else f", e.g. {question.example}" if question.example else ""
     return f"{question.key}: {question.text}{choices}{hint}:"
 
