@@ -187,7 +187,6 @@ def perform(rig: "Rig", session: "Session", options: RunOptions, output: Output)
     refuse_impossible(rig, options.seed)
     folder = run_folder(options.out, rig.name)
     before = set(folder.iterdir())
-    output.say("preparing; the very first run compiles for a while")
     try:
         result = _run(rig, session, folder, options, output)
     except BaseException:  # name the recordings, also after a failure

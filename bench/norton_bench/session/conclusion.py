@@ -218,12 +218,19 @@ def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
             raise UsageError(f"{path}: its metadata have no '{key}'; it was not recorded by norton-bench")
 
 
-def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = _unreported) -> Result:
-    """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
+def conclude_recording(
+    path: Path, out: Path | None = None, on_stage: OnStage = _unreported, on_read: OnStage = _unreported
+) -> Result:
+    """The same, from a recording alone; ``on_read`` is called with a line once it is known that there is something to
+    fit. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
+    measured = with_earlier(path, recording)
+    if not _made_for_identification(measured):
+        raise _nothing_to_fit(path)
+    on_read(f"fitting {path}")
     result = conclude(
-        with_earlier(path, recording),
+        measured,
         rig_text=recording.rig_text,
         metadata=recording.metadata,
         live=recording.live,
@@ -232,8 +239,16 @@ def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = 
         on_stage=on_stage,
     )
     if result.empty:
-        raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
+        raise _nothing_to_fit(path)
     return result
+
+
+def _made_for_identification(measured: Measured) -> bool:
+    return any(segment.use is Use.IDENTIFY for segment in measured.segments) or _had("in_situ", measured)
+
+
+def _nothing_to_fit(path: Path) -> UsageError:
+    return UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
 
 
 def ended(result: Result) -> Ended:
