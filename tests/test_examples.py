@@ -29,8 +29,13 @@ duration = "2 s"
 
 def example(name: str, *arguments: object, folder: Path) -> str:
     """What ``examples/<name>`` prints."""
+    return printed_by(ROOT / "examples" / name, *arguments, folder=folder)
+
+
+def printed_by(script: Path, *arguments: object, folder: Path) -> str:
+    """What ``script`` prints when it is run in ``folder``."""
     done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / name), *map(str, arguments)],
+        [sys.executable, str(script), *map(str, arguments)],
         cwd=folder,
         # One thread: those of linear algebra wait in loops, on cores that other tests need.
         env={"TMPDIR": str(folder), "PATH": "", "OPENBLAS_NUM_THREADS": "1"},
@@ -74,6 +79,19 @@ def test_own_script_goes_on_until_friction_is_known(tmp_path: Path) -> None:
     assert float(value) == pytest.approx(0.02, rel=0.03)
     assert float(plus_minus) <= 0.03 * float(value)
     assert 1 <= int(rounds) <= 5
+
+
+def test_the_script_in_the_docs_runs_as_printed(tmp_path: Path) -> None:
+    (tmp_path / "rigs").symlink_to(ROOT / "rigs")
+    (text,) = re.findall(
+        r"```python\n(.*?)```", (ROOT / "docs" / "scripting.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    script = tmp_path / "friction.py"
+    script.write_text(text.replace("seed=1", "seed=1, live=False"), encoding="utf-8")  # the same in half of the time
+    said = printed_by(script, folder=tmp_path)
+    value = re.fullmatch(r"coulomb_torque = (\S+) ± \S+ N\*m \(valid\)\n", said)
+    assert value is not None, said
+    assert float(value[1]) == pytest.approx(0.02, rel=0.01)
 
 
 def test_networks_shows_one_actuator_in_four_shapes_a_muscle_and_an_arm(tmp_path: Path) -> None:

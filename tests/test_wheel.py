@@ -48,7 +48,7 @@ def test_nothing_is_installed_under_a_common_name(wheel: ZipFile) -> None:
 
 def test_rigs_sessions_scripts_and_docs_are_in_it(wheel: ZipFile) -> None:
     names = set(wheel.namelist())
-    for pattern in ("rigs/*.toml", "sessions/*.toml", "examples/*.py", "docs/*.md", "docs/images/*.png"):
+    for pattern in ("README.md", "rigs/*.toml", "sessions/*.toml", "examples/*.py", "docs/*.md", "docs/images/*.png"):
         there = {f"norton_bench/shipped/{path.relative_to(ROOT)}" for path in ROOT.glob(pattern)}
         assert there
         assert there <= names

@@ -178,6 +178,7 @@ def check_bus(
     known = {key for key, claimed in claims.items() if claimed}
     second_bit_s = settings.data_bitrate_bit_s or settings.bitrate_bit_s
     load = (survey.bits / settings.bitrate_bit_s + survey.data_bits / second_bit_s) / took_s
+    overfull = _overfull(settings, load)
     return BusCheck(
         settings.name,
         settings.interface,
@@ -188,7 +189,11 @@ def check_bus(
         senders_on(survey, claims),
         tuple(received.name for key, received in sorted(survey.heard.items()) if key not in known),
         dict(troubles),
-        (*_overfull(settings, load), *_problems(settings, _Bus(survey, claims, devices, recognition))),
+        (
+            *(() if overfull is None else (overfull,)),
+            *_problems(settings, _Bus(survey, claims, devices, recognition)),
+        ),
+        overfull,
     )
 
 
@@ -235,12 +240,13 @@ class _Bus:
         return result
 
 
-def _overfull(settings: CanBusSettings, load: float) -> Iterator[Problem]:
-    if load > FULL:
-        yield ExperimentError(
-            f"bus {settings.name}: its devices send {load:.0%} of what {settings.rates} can carry; raise "
-            "bitrate in every device and in the rig file, let devices send less often, or put them on two buses"
-        )
+def _overfull(settings: CanBusSettings, load: float) -> Problem | None:
+    if load <= FULL:
+        return None
+    return ExperimentError(
+        f"bus {settings.name}: its devices send {load:.0%} of what {settings.rates} can carry; raise "
+        "bitrate in every device and in the rig file, let devices send less often, or put them on two buses"
+    )
 
 
 def _problems(settings: CanBusSettings, bus: _Bus) -> Iterator[Problem]:

@@ -72,6 +72,7 @@ class BusCheck:
     strangers: tuple[str, ...] = ()  # identifiers that no driver knows
     troubles: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
+    overfull: Problem | None = None  # that of the problems which no device is to blame for: the bus cannot carry them
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,10 @@ class RigCheck:
             *self.whole,
         ]
         return tuple({str(problem): problem for problem in result}.values())
+
+    def overfull(self) -> tuple[Problem, ...]:
+        """Those of the buses that cannot carry what their devices send."""
+        return tuple(bus.overfull for bus in self.buses if bus.overfull is not None)
 
 
 # Of one identifier: enough to see a rhythm, and no more than some seconds of the fastest stream.

@@ -8,14 +8,14 @@ from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Backend, Json, RigFile, Seed
 from norton_bench.cli.output import Output, plain_table
-from norton_bench.errors import ExitCode, exit_code_of
+from norton_bench.errors import ExitCode, ExperimentError, UsageError, exit_code_of
 from norton_bench.loop.stop_word import operator_stop
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, LineCheck, RigCheck, Sender
+    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, LineCheck, Problem, RigCheck, Sender
     from norton_bench.rig.rig import Rig
     from norton_drivers.discovery import FoundPort
 
@@ -200,7 +200,7 @@ def check(
             result = check_rig(rig, seed=seed, move=Permission(output.say, stop_word.heard))
     else:
         result = check_rig(rig, seed=seed)
-    suits, refusal = standard_session_suits(rig)
+    suits, refusal = standard_session_suits(rig, result)
     output.result({**check_data(result), "identify": refusal}, *check_view(result), suits)
     return say_problems(rig_file, result, output)
 
@@ -213,13 +213,12 @@ def say_problems(rig_file: Path, result: "RigCheck", output: Output) -> int:
     return exit_code_of(problems[0]) if problems else ExitCode.OK
 
 
-def standard_session_suits(rig: "Rig") -> tuple[str, str | None]:
-    """Whether ``identify`` can run on this rig, in a sentence; and the reason if it cannot, else an empty text.
+def standard_session_suits(rig: "Rig", found: "RigCheck") -> tuple[str, str | None]:
+    """Whether ``identify`` can run on this rig, in a sentence; and the reason why it is refused, if it is.
 
     A rig may be made for other sessions, so that this is reported as a note and not as a problem.
     """
     from norton_bench.cli.plan import clock  # noqa: PLC0415
-    from norton_bench.errors import UsageError  # noqa: PLC0415
     from norton_bench.session.dry_run import dry_run  # noqa: PLC0415
     from norton_bench.session.schema import standard_session  # noqa: PLC0415
     from norton_drivers.errors import WiringError  # noqa: PLC0415
@@ -227,10 +226,18 @@ def standard_session_suits(rig: "Rig") -> tuple[str, str | None]:
     session = standard_session(rig)
     try:
         plan = dry_run(session, rig)
-    except (UsageError, WiringError) as error:
+        raise_overfull(found.overfull())
+    except (UsageError, WiringError, ExperimentError) as error:
         return f"norton-bench identify would refuse this rig: {error}", str(error)
     steps = ", ".join(dict.fromkeys(step.planned.name for step in plan.steps))
-    return f"norton-bench identify can run on it: {steps}; {clock(plan.at_most_s)} of bench time", None
+    once = " once what was found is mended" if found.problems() else ""
+    return f"norton-bench identify can run on it{once}: {steps}; {clock(plan.at_most_s)} of bench time", None
+
+
+def raise_overfull(problems: Sequence["Problem"]) -> None:
+    """Raises ExperimentError where there is a bus that cannot carry what its devices send."""
+    if problems:
+        raise ExperimentError("\n".join(map(str, problems)))
 
 
 def devices(*, json: Json = False) -> None:

@@ -68,9 +68,8 @@ def _of_recording(file: Path, output: Output) -> "Sheet":
     from norton_bench.datasheet.sheet import sheet_of_result  # noqa: PLC0415
     from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
-    output.say(f"fitting {file}")
     with TemporaryDirectory() as folder:
-        result = conclude_recording(file, Path(folder))
+        result = conclude_recording(file, Path(folder), on_read=output.say)
     if result.fit is None:
         raise UsageError(
             f"{file}: no model was fitted to this actuator, so there is no data sheet; the report has its tables"

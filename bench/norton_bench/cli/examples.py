@@ -1,7 +1,9 @@
 """``demo`` and ``examples``: the files that come with the program."""
 
+import re
 import shutil
 from collections.abc import Iterator
+from os.path import normpath
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +13,11 @@ from norton_bench.cli.arguments import Json, Out, Quiet, Seed
 from norton_bench.cli.experiment import identify
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.shipped import FOLDERS, shipped_folder
+from norton_bench.shipped import FOLDERS, README, shipped_folder
 
 DEMONSTRATION = "rigs/sim-odrive.toml"
 SUFFIXES = (".toml", ".py", ".yml")
+LINK = re.compile(r"\[(?P<words>[^\[\]]*)\]\((?P<to>[^()\s]+)\)")
 LEFT_OUT = ("__pycache__", "*.pyc", "*.egg-info", "build", "dist")
 
 Folder = Annotated[
@@ -63,15 +66,28 @@ def _first_line(path: Path) -> str:
 def _copied(shipped: Path, folder: Path) -> Iterator[Path]:
     """Copy the files that do not exist there. Raises UsageError where the folder cannot be written to."""
     ignored = shutil.ignore_patterns(*LEFT_OUT)
-    for name in FOLDERS:
-        for source in sorted((shipped / name).rglob("*")):
-            parts = source.relative_to(shipped).parts
-            target = folder.joinpath(*parts)
-            if source.is_dir() or target.exists() or ignored("", list(parts)):
-                continue
-            try:
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source, target)
-            except OSError as error:
-                raise UsageError(f"{target}: cannot be written ({error.strerror}); choose another folder") from error
-            yield target
+    sources = (path for name in FOLDERS for path in sorted((shipped / name).rglob("*")))
+    for source in (shipped / README, *sources):
+        place = source.relative_to(shipped)
+        target = folder / place
+        if source.is_dir() or target.exists() or ignored("", list(place.parts)):
+            continue
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, target)
+            if source.suffix == ".md":
+                target.write_text(_within_reach(source.read_text(encoding="utf-8"), place), encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"{target}: cannot be written ({error.strerror}); choose another folder") from error
+        yield target
+
+
+def _within_reach(text: str, place: Path) -> str:
+    """A document that is copied to ``place``, whose links to what is not copied, such as sources, are plain text."""
+
+    def link(found: re.Match[str]) -> str:
+        reached = normpath(place.parent / found["to"].partition("#")[0])
+        copied = Path(reached).parts[:1] in {(name,) for name in (*FOLDERS, README)}
+        return found[0] if copied or ":" in found["to"] or found["to"].startswith("#") else found["words"]
+
+    return LINK.sub(link, text)

@@ -136,9 +136,26 @@ def show_plan(rig: "Rig", session: "Session", options: RunOptions, output: Outpu
     from norton_bench.session.operator import Answers  # noqa: PLC0415
 
     plan = dry_run.dry_run(session, rig, seed=options.seed)
+    refuse_overfull(rig, options.seed)
     Answers(options.answers, options.yes).check(plan.prompts, session.place, somebody=True)
     output.result(plan_data(plan, session, rig), plan_view(plan, session, rig))
     return ExitCode.OK
+
+
+def refuse_impossible(rig: "Rig", seed: int | None) -> None:
+    """As :func:`refuse_overfull` for a simulated bench, whose buses would carry more than any real one."""
+    from norton_bench.check.check import SIMULATED  # noqa: PLC0415
+
+    if rig.backend == SIMULATED:
+        refuse_overfull(rig, seed)
+
+
+def refuse_overfull(rig: "Rig", seed: int | None) -> None:
+    """Raises ExperimentError where ``rig check`` of the simulated twin finds a bus that cannot carry its traffic."""
+    from norton_bench.check.check import overfull_in_simulation  # noqa: PLC0415
+    from norton_bench.cli.check import raise_overfull  # noqa: PLC0415
+
+    raise_overfull(overfull_in_simulation(rig, seed))
 
 
 def _fraction(until: str | None) -> float | None:
@@ -167,9 +184,9 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 def perform(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
     """Run ``session`` and print its result; returns the exit code."""
+    refuse_impossible(rig, options.seed)
     folder = run_folder(options.out, rig.name)
     before = set(folder.iterdir())
-    output.say("preparing; the very first run compiles for a while")
     try:
         result = _run(rig, session, folder, options, output)
     except BaseException:  # name the recordings, also after a failure

@@ -95,15 +95,22 @@ def _remark(outcome: "CaseResult") -> str:
 
 
 def faults_data(outcomes: Sequence["CaseResult"]) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """What ``--json`` prints: ``passed`` is what the exit code says; whether all is safe is another question."""
+    from norton_bench.faults.case import Verdict  # noqa: PLC0415
+
+    verdicts = [outcome.verdict for outcome in outcomes]
+    tried = [verdict for verdict in verdicts if verdict.tried]
     return {
-        "safe": not any(outcome.verdict.fails for outcome in outcomes),
+        "passed": not any(verdict.fails for verdict in verdicts),
+        "safe": all(verdict.safe for verdict in tried) if tried else None,
+        "no_watchdog": verdicts.count(Verdict.NO_WATCHDOG),
+        "skipped": verdicts.count(Verdict.SKIPPED),
         "cases": [
             {
                 **vars(outcome),
                 "peak": outcome.peak._asdict(),
                 "peak_after": outcome.peak_after._asdict(),
-                "safe": outcome.verdict.safe,
+                "safe": outcome.verdict.safe if outcome.verdict.tried else None,
                 "evidence": outcome.evidence,
             }
             for outcome in outcomes

@@ -87,13 +87,13 @@ def _asked_check(*, twin: bool) -> str:
 def _checked(path: Path, backend: str, *, twin: bool, output: Output) -> int:
     """Check the written file as ``rig check`` does; returns its exit code."""
     from norton_bench.check.check import check_rig  # noqa: PLC0415
-    from norton_bench.cli.check import check_data, check_view, say_problems, standard_session_suits  # noqa: PLC0415  # noqa: PLC0415
+    from norton_bench.cli.check import check_data, check_view, say_problems, standard_session_suits  # noqa: PLC0415
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
     output.say(f"checking it, {backend}; the very first run compiles for a while")
     rig = load_rig(path, backend=backend)
     result = check_rig(rig)
-    suits, refusal = standard_session_suits(rig)
+    suits, refusal = standard_session_suits(rig, result)
     data = {"rig": path, "backend": backend, "check": {**check_data(result), "identify": refusal}}
     rehearse = (
         f"next: rehearse it with norton-bench identify {path} --backend simulated; on the bench itself, "
@@ -209,7 +209,7 @@ class TerminalQuestions:
 
 
 def _asked(question: "Question") -> str:
-    choices = f" ({', '.join(question.choices)})" if 0 < len(question.choices) < 12 else ""
+    choices = f" ({', '.join(question.choices)})" if question.choices and question.listed else ""
     hint = f" [{question.default}]" if question.default else f", e.g. {question.example}" if question.example else ""
     return f"{question.key}: {question.text}{choices}{hint}:"
 

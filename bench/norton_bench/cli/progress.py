@@ -26,6 +26,8 @@ from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Status
 from norton_bench.records import Measured
 
+PREPARING = "preparing; the very first run compiles for a while"
+
 
 class LineProgress:
     """A line for each step."""
@@ -42,6 +44,8 @@ class LineProgress:
                 self._output.say(f"{len(steps)} steps, about {total_s:.0f} s of bench time")
             case StepBegun(index, name):
                 self._output.say(f"[{index + 1}/{len(self._steps)}] {name}")
+            case StateChanged(SessionState.PREPARING):
+                self._output.say(PREPARING)
             case Note(text):
                 self._output.say(text)
 
@@ -65,6 +69,8 @@ class BarProgress:
                 self._begin(index, name)
             case PartMeasured(measured, live):
                 self._advance(measured, live)
+            case StateChanged(SessionState.PREPARING):
+                self._bars.console.print(PREPARING, markup=False, highlight=False)
             case StateChanged(SessionState.PAUSED | SessionState.ASKING):
                 self._bars.stop()  # it must not overwrite what the operator types
             case StateChanged():

@@ -79,8 +79,7 @@ def fit(
     from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output = Output(json, quiet)
-    output.say(f"fitting {first}")
-    result = conclude_recording(first, _made(out))
+    result = conclude_recording(first, _made(out), on_read=output.say)
     output.result(identification(result), summary(result))
     if result.shortcoming:
         complain(result.shortcoming)
@@ -127,9 +126,8 @@ def _fit_logs(paths: tuple[Path, ...], split: Split, model: str | None, files: F
     folder = _made(files.out)
     columns = files.columns or _proposed(paths[0], files.joint, folder, output)
     column_map = with_joint(load_map(columns), files.joint)
-    output.say(f"fitting {', '.join(map(str, paths))}")
     request = Request(paths, column_map, split.train, split.test, model)
-    fitted = fit_logs(request)
+    fitted = fit_logs(request, on_read=lambda: output.say(f"fitting {', '.join(map(str, paths))}"))
     if files.predict is not None:
         write_predictions(files.predict, fitted.predictions)
         output.say(f"predictions: {files.predict}")
@@ -156,8 +154,7 @@ def report(recording: RecordingFile, /, *, out: Out = None, json: Json = False, 
     from norton_bench.session.conclusion import conclude_recording  # noqa: PLC0415
 
     output = Output(json, quiet)
-    output.say(f"fitting {recording}")
-    result = conclude_recording(recording, _made(out))
+    result = conclude_recording(recording, _made(out), on_read=output.say)
     output.result({"report": result.report_file}, str(result.report_file))
 
 

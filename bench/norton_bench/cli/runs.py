@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from norton_bench.models.parameters import Estimate
-    from norton_bench.session.catalogue import Difference, Run, Trend
+    from norton_bench.session.catalogue import Comparison, Difference, Run, Trend
 
 Folder = Annotated[Path, Parameter(name="FOLDER", help="The folder of your runs.")]
 OfRig = Annotated[str | None, Parameter(name="--rig", help="Only runs of the rig of this name.")]
@@ -39,8 +39,8 @@ def runs(
     output = Output(json)
     if compare is not None:
         first, second = (catalogue.run_of(place) for place in compare)
-        differences = catalogue.compare(first, second)
-        output.result([_difference(each) for each in differences], *_compared(first, second, differences))
+        found = catalogue.compare(first, second)
+        output.result(_comparison(found), *_compared(first, second, found))
         return
     found_runs = [run for run in catalogue.runs_in(folder) if rig is None or run.rig == rig]
     if trend is not None:
@@ -82,6 +82,22 @@ def _when(run: "Run") -> str:
     return "?" if run.started is None else f"{run.started.astimezone():%Y-%m-%d %H:%M}"
 
 
+def _comparison(found: "Comparison") -> list[dict[str, Any]]:
+    """What is in different units has no difference."""
+    left_out = [
+        {
+            "parameter": first.name,
+            "unit": first.unit,
+            "second_unit": second.unit,
+            "first": first.value,
+            "second": second.value,
+            **dict.fromkeys(("difference", "std", "differs")),
+        }
+        for first, second in found.left_out
+    ]
+    return [*map(_difference, found.differences), *left_out]
+
+
 def _difference(difference: "Difference") -> dict[str, Any]:
     return {
         "parameter": difference.first.name,
@@ -94,20 +110,23 @@ def _difference(difference: "Difference") -> dict[str, Any]:
     }
 
 
-def _compared(first: "Run", second: "Run", differences: Sequence["Difference"]) -> tuple["Table", str]:
+def _compared(first: "Run", second: "Run", found: "Comparison") -> tuple["Table", str]:
     from norton_bench.cli.results import with_digits  # noqa: PLC0415
 
     table = plain_table()
     for heading in ("parameter", "first", "second", "difference", "± 95 %", "unit", ""):
         table.add_column(heading, justify="left" if heading in ("parameter", "unit", "") else "right")
-    for each in differences:
+    for each in found.differences:
         change, half = with_digits(each.value, HALF_INTERVAL * each.std)
         values = (with_digits(estimate.value, estimate.std)[0] for estimate in (each.first, each.second))
         table.add_row(each.first.name, *values, change, half, each.first.unit, "differs" if each.shows else "")
     words = (
         f"First: {first.recording}, {_when(first)}. Second: {second.recording}, {_when(second)}. "
-        f'"differs": at 95 %, corrected for {len(differences)} parameters.'
+        f'"differs": at 95 %, corrected for {len(found.differences)} parameters.'
     )
+    if found.left_out:
+        names = ", ".join(f"{one.name} ({one.unit}, {other.unit})" for one, other in found.left_out)
+        words += f" Left out, because the units differ: {names}."
     return table, words
 
 

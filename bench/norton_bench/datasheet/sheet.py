@@ -10,7 +10,7 @@ from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
 from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
 from norton_bench.models.drawn_motor import MEAN_TERMS, has_covariance
-from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
+from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_deviations, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.models.terms import Factor, NetworkTerm, factors_of
 from norton_bench.networks.family import Network
@@ -113,7 +113,7 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
         raise UsageError(f"{file}: is a servo; a data sheet is for a motor commanded by torque, see `network show`")
     if not has_covariance(network):
         raise UsageError(f"{file}: has no covariance, so that no interval follows; fit its recording again")
-    std = dict(zip(network.covariance_names, np.sqrt(np.diag(np.asarray(network.covariance))), strict=True))
+    std = told_deviations(network)
     told = {name: Status(word) for name, word in told_statuses(network.provenance).items()}
     parameters = tuple(
         SheetValue(

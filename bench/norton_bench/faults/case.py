@@ -34,9 +34,13 @@ class Verdict(Enum):
         return self in (Verdict.STOPPED, Verdict.RIDDEN_THROUGH)
 
     @property
+    def tried(self) -> bool:
+        return self is not Verdict.SKIPPED
+
+    @property
     def fails(self) -> bool:
         """Whether the bench could have ended it safely, and did not."""
-        return not self.safe and self not in (Verdict.NO_WATCHDOG, Verdict.SKIPPED)
+        return self.tried and not self.safe and self is not Verdict.NO_WATCHDOG
 
 
 class Peak(NamedTuple):

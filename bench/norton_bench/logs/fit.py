@@ -154,8 +154,10 @@ class Request:
     model: str | None = None
 
 
-def fit_logs(request: Request) -> LogFit:
-    """Raises UsageError for files, maps and splits that cannot be used, ExperimentError for data that cannot be."""
+def fit_logs(request: Request, on_read: Callable[[], None] = lambda: None) -> LogFit:
+    """``on_read`` is called once all files are read and found in order.
+
+    Raises UsageError for files, maps and splits that cannot be used, ExperimentError for data that cannot be."""
     column_map = request.column_map
     train, test, paths = _split(request)
     logs = [_checked(path, column_map) for path in paths]
@@ -171,6 +173,7 @@ def fit_logs(request: Request) -> LogFit:
             f"--test: no row that is not trained on lies there, and the last row is at {longest_s:.4g} s; choose "
             "another part, or a narrower --train"
         )
+    on_read()
     readings = Readings.of(column_map, parts, splits)
     result = _estimated(
         column_map, readings, lambda near: _models(request, near, remarks), lambda rungs: _chosen(request, rungs)

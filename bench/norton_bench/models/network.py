@@ -63,6 +63,8 @@ PARAMETER_OF_FIELD = {
 }
 # In the provenance: the status of each parameter that is not valid, "name=status; name=status".
 STATUS = "status"
+# Likewise: the standard deviation of each that the covariance does not have, and the verdict on each condition.
+DEVIATION, CONDITIONS = "deviation", "conditions"
 SIGNED = ("torque_gain", "amplifier_gain")
 # Steps no longer than this resolve the friction contact of a small motor (hundreds of rad/s, well damped).
 LONGEST_STEP_S = 1e-4
@@ -71,9 +73,21 @@ LONGEST_STEP_S = 1e-4
 LOAD_ITERATIONS = 5
 
 
+def told(provenance: Mapping[str, str], key: str) -> dict[str, str]:
+    """What a network's provenance tells under ``key``, by name: of "name=text; name=text"."""
+    return dict(pair.split("=", 1) for pair in provenance.get(key, "").split("; ") if "=" in pair)
+
+
 def told_statuses(provenance: Mapping[str, str]) -> dict[str, str]:
     """Of each parameter that is not valid, by its name, as a network's provenance tells it."""
-    return dict(pair.split("=", 1) for pair in provenance.get(STATUS, "").split("; ") if "=" in pair)
+    return told(provenance, STATUS)
+
+
+def told_deviations(network: "NortonNetwork") -> dict[str, float]:
+    """The standard deviation of each parameter that has one, by its name: from the covariance, else as told."""
+    more = {name: float(text) for name, text in told(network.provenance, DEVIATION).items()}
+    stds = np.sqrt([row[place] for place, row in enumerate(network.covariance)])
+    return more | dict(zip(network.covariance_names, stds.tolist(), strict=True))
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The report: one HTML file that needs no other; the same data give the same bytes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,6 +80,11 @@ _SERVO_SOURCES = {
     ),
     False: (_LINES[-1][0], "ωN = ({torque_gain}·c ∓ {coulomb_torque}) / ({viscous_damping} + {torque_gain})"),
 }
+_NO_INTERVAL = (
+    "The a and b of a torque that depends on the position have no interval: the wave was sought where it stands out, "
+    "and the deviation of the fit does not count that search. The data sheet of the recording gives the size of each "
+    "wave with an interval."
+)
 _RATIOS = (
     "Without a measured torque the scale is unknown: the values are known up to one common factor, and torques are "
     "in the unit of the command."
@@ -103,7 +108,9 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
         ("φ", "deflection of the friction contact [rad]"),
         *_variables_of(fit.network.servo),
     )
-    return ModelEquations(lines, variables, _RATIOS if fit.ratios_only else "")
+    more = tuple(each for each in _variables_of_terms(fit.network.terms) if each[0] not in dict(variables))
+    remarks = (_RATIOS if fit.ratios_only else "", _NO_INTERVAL if _has_cogging(fit.network) else "")
+    return ModelEquations(lines, variables + more, " ".join(filter(None, remarks)))
 
 
 def _lines_of(network: NortonNetwork) -> tuple[tuple[str, str], ...]:
@@ -128,6 +135,26 @@ def _variables_of(servo: Servo | None) -> tuple[tuple[str, str], ...]:
             ("θN", "free angle at rest [rad]"),
         )
     return (("ωN", f"steady free velocity [rad/s]; − for c > 0, + for c < 0, and 0 where Km·Ka·|c| is below τc{late}"),)
+
+
+# How it is written in the equations of terms, and what it is.
+_OF_TERMS = (
+    ("θ", "θ", "angle of the output shaft [rad]"),
+    ("pθ", "p", "periods in a turn of the output shaft"),
+    ("lag(c)", "lag(c)", "command behind the amplifier's lag, in the unit of the command"),
+    ("·t", "t", "time from the middle of the session [s]"),
+    ("q", "q", "angle of the motor, in front of the joint [rad]"),
+    ("τ_j", "τ_j", "torque of the joint [N·m]"),
+)
+
+
+def _variables_of_terms(terms: Sequence[NetworkTerm]) -> Iterator[tuple[str, str]]:
+    written = " ".join(each.term.equation for each in terms)
+    return ((symbol, meaning) for sign, symbol, meaning in _OF_TERMS if sign in written)
+
+
+def _has_cogging(network: NortonNetwork) -> bool:
+    return any(each.term.factor is Factor.TORQUE for each in network.terms)
 
 
 # What the equation of a term is for.

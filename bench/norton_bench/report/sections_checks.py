@@ -6,7 +6,6 @@ from typing import Protocol
 
 import numpy as np
 
-from norton_bench.identification.friction_fit import ROUGHNESS
 from norton_bench.identification.friction_laws import CONTAINS, EXCESS
 from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import Cogging, SourceMap
@@ -258,6 +257,7 @@ ASSUMES = {
 }
 
 
+ERROR_DIGITS = 3  # of the errors in the comparison
 WITHOUT_MEMORY = "depends on the velocity alone, not on the path"
 
 
@@ -292,9 +292,9 @@ def friction_section(data: Result) -> Section | None:
         (
             rung.name,
             str(rung.unknowns),
-            number(100 * rung.train_relative, 3),
-            number(100 * rung.held_out_relative, 3),
-            number(100 * rung.held_out_std / rung.target_rms, 3),
+            number(100 * rung.train_relative, ERROR_DIGITS),
+            number(100 * rung.held_out_relative, ERROR_DIGITS),
+            number(100 * rung.held_out_std / rung.target_rms, ERROR_DIGITS),
             "selected" if rung.selected else "" if rung.fit.converged else "did not converge",
         )
         for rung in data.ladder
@@ -306,13 +306,15 @@ def friction_section(data: Result) -> Section | None:
 
 
 def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[list[str], tuple[str, ...]]:
-    """Why models with more parameters than ``best`` fit worse, even the data that they were fitted to.
+    """Why models with more parameters than ``best`` fit worse, even the data that they were fitted to: every model
+    whose error is shown as greater.
 
     Sentences, and a line for each of the friction laws that are others.
     """
-    tolerance = best.train_relative * (1 + ROUGHNESS)
-    richer = [each for each in models if each.unknowns > best.unknowns and each.train_relative > tolerance]
+    shown = _shown(best)
+    richer = [each for each in models if each.unknowns > best.unknowns and _shown(each) > shown]
     others = [each.name for each in richer if best.name not in CONTAINS.get(each.name, ())]
+    extensions = [each.name for each in richer if each.name not in others]
     sentences = []
     if others:
         one = len(others) == 1
@@ -321,8 +323,20 @@ def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[lis
             f"More numbers need not fit better, even on the data fitted: {_listed(others)} {law}, not {of} of "
             f"{best.name}, and cannot become {best.name} for any values."
         )
+    if extensions:
+        extend, come = ("extends", "comes") if len(extensions) == 1 else ("extend", "come")
+        sentences.append(
+            f"{_listed(extensions)} {extend} {best.name}, but {come} near to it only at the edge of what is searched, "
+            "and a search ends within its tolerance: what is left of either is why the fitted data are fitted no "
+            "better."
+        )
     laws = (f"{name} {ASSUMES.get(name.removesuffix('-asymmetric'), WITHOUT_MEMORY)}." for name in others)
     return sentences, tuple(laws)
+
+
+def _shown(each: Compared) -> float:
+    """Its error on the data fitted, to the digits of the table."""
+    return float(f"{each.train_relative:.{ERROR_DIGITS}g}")
 
 
 def _listed(names: Sequence[str]) -> str:

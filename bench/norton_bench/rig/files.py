@@ -4,6 +4,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -14,6 +15,7 @@ from pydantic_core import ErrorDetails
 
 from norton_bench.errors import UsageError, nearest
 
+NEIGHBOURS = 5  # are offered in the place of a file that is not there
 # What to do with a file of each kind that was given in the place of another.
 MENDS = {
     "rig file": "norton-bench identify RIG runs the standard session on it, norton-bench run SESSION --rig RIG another",
@@ -31,9 +33,9 @@ def read_text(path: Path, kind: str, error: type[UsageError] = UsageError) -> st
     try:
         return path.read_text(encoding="utf-8-sig")  # Windows' editors put a mark at the beginning
     except FileNotFoundError:
-        raise error(f"{path}: no such {kind}; {_neighbours(path)}") from None
+        raise error(f"{path}: no such {kind}; {_neighbours(path, kind)}") from None
     except IsADirectoryError:
-        raise error(f"{path}: is a folder; {_neighbours(path / 'x')}") from None
+        raise error(f"{path}: is a folder; {_neighbours(path / 'x', kind)}") from None
     except UnicodeDecodeError as wrong:
         if path.suffix.lower() == ".mcap":
             raise error(f"{path}: is a recording, not a {kind}; {MENDS['recording']}") from None
@@ -71,11 +73,19 @@ def _kind_of(tables: Mapping[str, Any]) -> str:
     return ""
 
 
-def _neighbours(path: Path) -> str:
-    """The mend for a file that is not there: those that lie where it was looked for."""
-    result = sorted(str(near) for near in path.parent.glob("*.toml"))[:5]
+def _kind_of_file(path: Path) -> str:
+    with suppress(OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return _kind_of(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+    return ""
+
+
+def _neighbours(path: Path, kind: str) -> str:
+    """The mend for a file that is not there: those of its kind that lie where it was looked for, or else those that do
+    not tell of which kind they are."""
+    kinds = {near: _kind_of_file(near) for near in sorted(path.parent.glob("*.toml"))}
+    result = [near for near, its in kinds.items() if its == kind] or [near for near, its in kinds.items() if not its]
     if result:
-        return f"there are: {', '.join(result)}"
+        return f"there are: {', '.join(map(str, result[:NEIGHBOURS]))}"
     return f"there is none in {path.parent}; check the path, or copy the shipped ones: norton-bench examples ."
 
 

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from math import sqrt
 from pathlib import Path
@@ -13,9 +13,11 @@ from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_quantile, t_quantile
 from norton_bench.errors import UsageError
 from norton_bench.identification.statistics import NORMAL_95, Combined, combine
-from norton_bench.models.network import NortonNetwork, told_statuses
+from norton_bench.models.network import CONDITIONS, NortonNetwork, told, told_deviations, told_statuses
 from norton_bench.models.parameters import Estimate, Status
+from norton_bench.networks.findings import VERDICTS
 from norton_bench.recording.reader import read_happenings
+from norton_bench.rig.rig import NO_MODEL
 
 DAYS_A_MONTH = 30.0
 
@@ -24,7 +26,8 @@ DAYS_A_MONTH = 30.0
 class Run:
     """One recording. ``started`` is None where the file has no such entry; ``ending`` says in words how it ended.
 
-    ``estimates`` are those of its network file, by name; empty where there is no such file.
+    ``estimates`` and ``conditions`` (the verdict on each) are those of its network file, by name; empty where there is
+    no such file, or where it does not say.
     """
 
     recording: Path
@@ -33,6 +36,7 @@ class Run:
     started: datetime | None
     ending: str
     estimates: dict[str, Estimate]
+    conditions: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,14 @@ class Difference:
     value: float
     std: float
     shows: bool  # at 95 %, corrected for how many parameters were looked at
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs: the difference of each parameter that both have, and those that have not the same unit in both."""
+
+    differences: tuple[Difference, ...]
+    left_out: tuple[tuple[Estimate, Estimate], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,23 +88,34 @@ def run_of(place: Path) -> Run:
     return _run(recordings[0])
 
 
-def compare(first: Run, second: Run) -> tuple[Difference, ...]:
-    """The difference of each parameter. Raises UsageError where they share no parameter, or where units differ."""
-    names = [name for name in first.estimates if name in second.estimates]
-    if not names:
+def compare(first: Run, second: Run) -> Comparison:
+    """The difference of each parameter. Raises UsageError where they share none in one unit."""
+    pairs = [(each, second.estimates[name]) for name, each in first.estimates.items() if name in second.estimates]
+    if not pairs:
         raise UsageError(f"{first.recording} and {second.recording}: have no identified parameter in common")
-    beyond = -normal_quantile(0.025 / len(names))
-    return tuple(_difference(first.estimates[name], second.estimates[name], beyond) for name in names)
+    alike = [(one, other) for one, other in pairs if one.unit == other.unit]
+    if not alike:
+        names = ", ".join(one.name for one, _ in pairs)
+        raise UsageError(f"{first.recording} and {second.recording}: have {names}, each in two units; compare others")
+    beyond = -normal_quantile(0.025 / len(alike))
+    return Comparison(
+        tuple(_difference(one, other, beyond) for one, other in alike),
+        tuple((one, other) for one, other in pairs if one.unit != other.unit),
+    )
 
 
 def trend_of(name: str, runs: Sequence[Run]) -> Trend:
-    """The trend of parameter ``name`` over ``runs``, which all have it. Raises UsageError for fewer than two runs."""
+    """The trend of parameter ``name`` over ``runs`` of one rig, which all have it. Raises UsageError for fewer than
+    two runs, and for several rigs: the mean of different actuators is the value of none."""
+    rigs = sorted({run.rig for run in runs})
+    if len(rigs) > 1:
+        raise UsageError(f"{name}: was identified on {', '.join(rigs)}; choose one with --rig")
     if len(runs) < 2:
         raise UsageError(f"{name}: a trend needs two runs that identified it, here there are {len(runs)}")
     estimates = [run.estimates[name] for run in runs]
     units = {estimate.unit for estimate in estimates}
     if len(units) > 1:
-        raise UsageError(f"{name}: was identified in {' and in '.join(sorted(units))}; choose one rig with --rig")
+        raise UsageError(f"{name}: was identified in {' and in '.join(sorted(units))}; these runs have no mean")
     values = np.array([estimate.value for estimate in estimates])
     stds = np.array([estimate.std for estimate in estimates])
     combined = combine(values, stds)
@@ -117,24 +140,40 @@ def _line(times: FloatArray, values: FloatArray, stds: FloatArray) -> tuple[floa
 def _run(path: Path) -> Run:
     network_file = path.with_suffix(".network.json")
     estimates: dict[str, Estimate] = {}
+    verdicts: dict[str, str] = {}
     metadata: Mapping[str, str] = {}
     try:
         if network_file.is_file():
             network = NortonNetwork.load(network_file)
             estimates, metadata = _estimates(network), network.provenance
-            ending = _in_words(estimates.values())
+            verdicts = told(metadata, CONDITIONS)
+            ending = _in_words(estimates.values(), verdicts)
         else:
             metadata, events = read_happenings(path)
-            ending = next((event.text for event in reversed(events) if event.kind == "stop"), "no network identified")
+            stop = next((event.text for event in reversed(events) if event.kind == "stop"), None)
+            ending = _without_network(path, metadata) if stop is None else stop
     except UsageError as unreadable:
         ending = str(unreadable)
-    return Run(path, metadata.get("rig", "?"), metadata.get("session", "?"), _time(metadata), ending, estimates)
+    name, session = metadata.get("rig", "?"), metadata.get("session", "?")
+    return Run(path, name, session, _time(metadata), ending, estimates, verdicts)
 
 
-def _in_words(estimates: Iterable[Estimate]) -> str:
-    """How many values have each status, in words."""
+def _without_network(path: Path, metadata: Mapping[str, str]) -> str:
+    if metadata.get("model") == NO_MODEL:
+        return "tables, no model"
+    if path.with_suffix(".report.html").is_file():
+        return "no network saved: no value is a result, its report says why"
+    return "no network identified"
+
+
+def _in_words(estimates: Iterable[Estimate], verdicts: Mapping[str, str]) -> str:
+    """How many values have each status, and what was found of the conditions."""
     counts = Counter(estimate.status.value for estimate in estimates)
-    return ", ".join(f"{count} {status}" for status, count in counts.items())
+    words = ", ".join(f"{count} {status}" for status, count in counts.items())
+    if not verdicts:
+        return words
+    others = [f"{name} {verdict}" for name, verdict in verdicts.items() if verdict != VERDICTS[True]]
+    return f"{words}; {', '.join(others) or 'conditions hold'}"
 
 
 def _time(metadata: Mapping[str, str]) -> datetime | None:
@@ -145,18 +184,26 @@ def _time(metadata: Mapping[str, str]) -> datetime | None:
 
 
 def _estimates(network: NortonNetwork) -> dict[str, Estimate]:
-    """The values in the network file, with the status that the session gave them."""
-    variances = dict(zip(network.covariance_names, np.diag(np.atleast_2d(network.covariance)), strict=True))
-    status = told_statuses(network.provenance)
+    """The values in the network file, with the deviation and the status that the session gave them."""
+    status, stds = told_statuses(network.provenance), told_deviations(network)
     return {
-        name: Estimate(name, value, sqrt(variances[name]), unit, Status(status.get(name, Status.VALID.value)))
-        for name, (value, unit) in network.parameters().items()
-        if name in variances
+        name: Estimate(name, value, stds[name], unit, Status(status.get(name, Status.VALID.value)))
+        for name, (value, unit) in _values(network).items()
+        if name in stds
     }
 
 
+def _values(network: NortonNetwork) -> dict[str, tuple[float, str]]:
+    """Value and unit of each parameter of the network and of its terms."""
+    unit = network.command_unit
+    of_terms = {
+        each.name: (value, each.unit_for(unit))
+        for term in network.terms
+        for each, value in zip(term.term.parameters, term.values, strict=True)
+    }
+    return network.parameters() | of_terms
+
+
 def _difference(first: Estimate, second: Estimate, beyond: float) -> Difference:
-    if first.unit != second.unit:
-        raise UsageError(f"{first.name}: is in {first.unit} and in {second.unit}; these rigs cannot be compared")
     value, std = second.value - first.value, sqrt(first.std**2 + second.std**2)
     return Difference(first, second, value, std, abs(value) > beyond * std)

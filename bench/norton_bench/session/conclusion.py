@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.errors import ExperimentError, UsageError, exit_code_of, sentence_of
 from norton_bench.events import Ended
 from norton_bench.identification.cleaning import Cleaned, clean
-from norton_bench.identification.conditions import conditions, evidence_of
+from norton_bench.identification.conditions import Condition, conditions, evidence_of
 from norton_bench.identification.judged_fit import beyond_bounds, fit_judged, with_what_moved
 from norton_bench.identification.ladder import bench_ladder
 from norton_bench.identification.model_error import of_ladder
@@ -22,7 +22,7 @@ from norton_bench.identification.servo_conditions import servo_conditions
 from norton_bench.identification.source_map import PortTorque, blocked_map, source_map
 from norton_bench.identification.validation import validate_signals
 from norton_bench.identification.without_model import without_model
-from norton_bench.models.network import STATUS
+from norton_bench.models.network import CONDITIONS, DEVIATION, STATUS
 from norton_bench.models.parameters import Status
 from norton_bench.on_demand import deferred
 from norton_bench.recording.contents import RecordedEstimates
@@ -49,6 +49,7 @@ in_situ_result = deferred("norton_bench.identification.in_situ:in_situ_result")
 of_trials = deferred("norton_bench.report.facts_tables:of_trials")
 tabulated = deferred("norton_bench.report.facts_tables:tabulated")
 ITERATED = "iterate_zero_torque"
+VERDICT = "verdict"  # in the provenance of a network
 # Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"
 FRICTION = "final fit 2/4: friction models"
@@ -141,6 +142,7 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
     holds = result.network.holds_position
     static = None if holds else _where_measured(partial(source_map, port=port), data.measured)
     evidence = evidence_of(result, stretches, data.measured, validation=checked, modelless=modelless, source=static)
+    verdicts = servo_conditions(result.network, evidence) if holds else conditions(evidence)
     return replace(
         so_far,
         fit=result,
@@ -149,9 +151,9 @@ def _fitted(so_far: Result, data: Cleaned, network_file: Path, on_stage: OnStage
         model_error=error,
         without_model=modelless,
         residuals=diagnose(result, stretches),
-        conditions=servo_conditions(result.network, evidence) if holds else conditions(evidence),
+        conditions=verdicts,
         ladder=rungs,
-        network_file=_saved(result, network_file, so_far.metadata),
+        network_file=_saved(result, verdicts, network_file, so_far.metadata),
     )
 
 
@@ -172,17 +174,30 @@ def _where_measured(value_of: Callable[[Part], Value], measured: Part) -> Value 
         return None
 
 
-def _saved(result: FitResult, path: Path, provenance: Mapping[str, str]) -> Path | None:
+def _saved(result: FitResult, verdicts: Sequence[Condition], path: Path, provenance: Mapping[str, str]) -> Path | None:
     """Write the network file, unless the data contradict themselves or no machine can have such values.
 
-    A network file does not carry the verdict, so that a bad one must not exist.
+    Whoever uses a network need not read what is said of it, so that a bad one must not exist.
     """
     if all(estimate.status is Status.DOUBTFUL for estimate in result.estimates) or beyond_bounds(result.network):
         return None
-    not_valid = [each for each in result.estimates if each.status is not Status.VALID]
-    status = "; ".join(f"{each.name}={each.status.value}" for each in not_valid)
-    result.network.with_provenance({**provenance, **({STATUS: status} if status else {})}).save(path)
+    result.network.with_provenance({**provenance, **_said(result, verdicts)}).save(path)
     return path
+
+
+def _said(result: FitResult, verdicts: Sequence[Condition]) -> Mapping[str, str]:
+    """What the catalogue of runs tells of it, beside its values."""
+    inside = set(result.network.covariance_names)
+    lists = {
+        STATUS: {each.name: each.status.value for each in result.estimates if each.status is not Status.VALID},
+        DEVIATION: {
+            each.name: f"{each.std:.6g}" for each in result.estimates if each.name not in inside and isfinite(each.std)
+        },
+        CONDITIONS: {each.condition: each.verdict for each in verdicts},
+    }
+    written = {key: "; ".join(f"{name}={text}" for name, text in pairs.items()) for key, pairs in lists.items()}
+    said = {**written, VERDICT: " ".join(result.verdict)}
+    return {key: text for key, text in said.items() if text}
 
 
 def _source_saved(in_situ: "InSituResult", path: Path) -> Path | None:
@@ -203,12 +218,19 @@ def check_metadata(path: Path, metadata: Mapping[str, str]) -> None:
             raise UsageError(f"{path}: its metadata have no '{key}'; it was not recorded by norton-bench")
 
 
-def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = _unreported) -> Result:
-    """The same, from a recording alone. Raises UsageError for a file that cannot be read or holds nothing to fit."""
+def conclude_recording(
+    path: Path, out: Path | None = None, on_stage: OnStage = _unreported, on_read: OnStage = _unreported
+) -> Result:
+    """The same, from a recording alone; ``on_read`` is called with a line once it is known that there is something to
+    fit. Raises UsageError for a file that cannot be read or holds nothing to fit."""
     recording = read_recording(path, raw_frames=False)
     check_metadata(path, recording.metadata)
+    measured = with_earlier(path, recording)
+    if not _made_for_identification(measured):
+        raise _nothing_to_fit(path)
+    on_read(f"fitting {path}")
     result = conclude(
-        with_earlier(path, recording),
+        measured,
         rig_text=recording.rig_text,
         metadata=recording.metadata,
         live=recording.live,
@@ -217,8 +239,16 @@ def conclude_recording(path: Path, out: Path | None = None, on_stage: OnStage = 
         on_stage=on_stage,
     )
     if result.empty:
-        raise UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
+        raise _nothing_to_fit(path)
     return result
+
+
+def _made_for_identification(measured: Measured) -> bool:
+    return any(segment.use is Use.IDENTIFY for segment in measured.segments) or _had("in_situ", measured)
+
+
+def _nothing_to_fit(path: Path) -> UsageError:
+    return UsageError(f"{path}: holds no segment made for identification; record one with 'free' or 'imposed'")
 
 
 def ended(result: Result) -> Ended:

@@ -22,7 +22,6 @@ from norton_bench.session.program import Made, make_program, rehearsed
 from norton_bench.session.script import Ask
 from norton_drivers.registry import load_backend
 
-SIMULATED = "simulated"  # a backend that opens nothing outside of this program
 # Limits are written in decimal.
 ROUNDING = 1.0 + 1e-9
 

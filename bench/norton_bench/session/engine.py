@@ -260,7 +260,6 @@ def _performed(
     emit, operator = terms.on_event, terms.operator or Nobody()
     earlier = _checked_earlier(terms, rig, session, experiment, operator)
     emit(Planned(experiment.plan))
-    emit(StateChanged(SessionState.PREPARING))
     own_backend = backend is None
     if backend is None:
         backend = load_backend(rig.backend)(rig.wiring, rig.simulated, seed=terms.seed, place=rig.place)
@@ -268,6 +267,7 @@ def _performed(
     with ExitStack() as stack:
         stack.callback(backend.close)
         rehearsal = rehearsed(session, backend)
+        emit(StateChanged(SessionState.PREPARING))  # every file has been checked
         loop = stack.enter_context(_warm_loop(terms, rig, backend, operator, in_process=lock_step or not own_backend))
         stack.enter_context(frozen_garbage())
         devices = tuple(loop.identify())

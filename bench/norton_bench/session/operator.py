@@ -88,11 +88,23 @@ class Answers:
 
 
 def unanswered(prompt: Prompt, place: str) -> UsageError:
-    """The error for a prompt that nobody can answer."""
-    return UsageError(
-        f'{place}: asks "{prompt.text}", and nobody is there to answer; run it on a terminal, or answer with '
-        f"--answer {prompt.name}=... or --yes"
+    """The error for a prompt of a session that nobody can answer."""
+    return _nobody_answers(prompt, place, f"run it on a terminal, or answer with --answer {prompt.name}=... or --yes")
+
+
+def unanswered_by_script(prompt: Prompt) -> UsageError:
+    """The same for a prompt of a program's own script, which has no command line."""
+    answer = prompt.choices[0] if prompt.choices else YES
+    return _nobody_answers(
+        prompt,
+        "the script",
+        f'give it answers=Answers({{"{prompt.name}": "{answer}"}}) or answers=Answers(yes=True) '
+        "(norton_bench.session.operator), or an operator",
     )
+
+
+def _nobody_answers(prompt: Prompt, place: str, mend: str) -> UsageError:
+    return UsageError(f'{place}: asks "{prompt.text}", and nobody is there to answer; {mend}')
 
 
 NO_ANSWERS = Answers()

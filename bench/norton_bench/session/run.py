@@ -33,7 +33,7 @@ from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
 from norton_bench.session.items import ASK
 from norton_bench.session.live_feed import LiveFeed
-from norton_bench.session.operator import Answers, OperatorOrders, unanswered
+from norton_bench.session.operator import Answers, OperatorOrders, unanswered_by_script
 from norton_bench.session.program import Rehearsed
 from norton_bench.session.resume import ANSWERED, FINISHED, EarlierSession, before
 from norton_bench.session.script import Action, Ask, ByHand, Remark, SoFar, Turn
@@ -250,7 +250,7 @@ class SessionRun:
         if answer is None:
             ready = self.answers.to(action.prompt)
             if ready is None and not self.orders.operator.answers:
-                raise unanswered(action.prompt, "the script")
+                raise unanswered_by_script(action.prompt)
             answer = self.orders.ask(action.prompt) if ready is None else ready
             self.emit(Note(f"{action.text} {answer}"))
         self.loop.tell(ANSWERED, f"{action.name}: {answer}")

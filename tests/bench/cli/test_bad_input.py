@@ -73,11 +73,11 @@ class Case:
 
 
 def rig_case(text: str, *says: str, code: ExitCode = ExitCode.USAGE, more: str = "") -> Case:
-    return Case(f"identify r.toml --quiet {more}", says, {"r.toml": text}, code)
+    return Case(f"identify r.toml {more}", says, {"r.toml": text}, code)
 
 
 def session_case(text: str, *says: str, file: Path = RIG_FILE, more: str = "") -> Case:
-    return Case(f"run s.toml --quiet {more}", says, {"s.toml": f'rig = "{file}"\n{text}'})
+    return Case(f"run s.toml {more}", says, {"s.toml": f'rig = "{file}"\n{text}'})
 
 
 RIG_CASES = {
@@ -103,7 +103,7 @@ RIG_CASES = {
         "port ./unplugged: ",
         "is it plugged in",
         code=ExitCode.CONNECTION,
-        more="--backend hardware",
+        more="--quiet --backend hardware",
     ),
     "a channel that is none": rig_case(
         rig(("239.74.163.4", "not-an-address"), file=ALONE_FILE),
@@ -115,14 +115,14 @@ RIG_CASES = {
         "[bus.can0] socketcan on can9: ",  # what comes then depends on the kernel: no CAN at all, or no such link
         "`",
         code=ExitCode.CONNECTION,
-        more="--backend hardware",
+        more="--quiet --backend hardware",
     ),
     "nobody on the bus": rig_case(
         rig(ON_NOTHING, file=ALONE_FILE),
         "[actuator] ODrive node 1 on can0: does not answer",
         "is it powered and on this bus?",
         code=ExitCode.TIMEOUT,
-        more="--backend hardware",
+        more="--quiet --backend hardware",
     ),
     "a recording in the way": Case(
         f"identify {RIG_FILE} --quiet --out .",
@@ -368,9 +368,8 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(recordings: Path, command:
 
 
 def refused(folder: Path, command: str, name: str, *says: str, more: tuple[str, ...] = ()) -> None:
-    quiet = () if command == "recover" else ("--quiet",)
     before = sorted(folder.rglob("*"))
-    done = norton_bench(folder, command, name, *quiet, *more)
+    done = norton_bench(folder, command, name, *more)  # not --quiet: what is refused is not begun
     assert (done.returncode, done.stdout) == (ExitCode.USAGE, "")
     (sentence,) = done.stderr.splitlines()
     assert all(part in sentence for part in says), sentence

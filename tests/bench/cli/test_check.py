@@ -1,6 +1,7 @@
 """``rig check`` and ``devices`` as commands: what is printed for whom, and the exit codes."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,34 @@ def test_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_devices(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discovery, "list_ports", tuple)
     assert run("devices")[1].startswith("Neither a serial port nor a CAN adapter was found")
+
+
+@pytest.mark.parametrize(
+    ("rig_name", "bitrate", "share"), [("sim-vesc", "400 kbit/s", "106%"), ("sim-odrive", "250 kbit/s", "106%")]
+)
+def test_a_bus_that_is_too_full_is_refused_by_all_in_the_same_words(
+    rig_name: str, bitrate: str, share: str, run: Run, tmp_path: Path
+) -> None:
+    rig = tmp_path / "full.toml"
+    text = RIG.with_name(f"{rig_name}.toml").read_text()
+    rig.write_text(re.sub(r'(?m)^bitrate = ".*?"', f'bitrate = "{bitrate}"', text))
+    code, out, err = run("rig", "check", str(rig))
+    sentence = err.strip().removeprefix(f"{rig}: ")
+    assert (code, sentence.partition(share)[0]) == (ExitCode.EXPERIMENT_FAILED, "bus can0: its devices send ")
+    assert f"norton-bench identify would refuse this rig: {sentence}" in out
+    assert "can run" not in out
+    assert json.loads(run("rig", "check", str(rig), "--json")[1])["identify"] == sentence
+    for asked in (("--dry-run",), ("--backend", "hardware", "--dry-run"), ("--out", str(tmp_path / "out"))):
+        code, out, err = run("identify", str(rig), *asked)
+        assert (code, out) == (ExitCode.EXPERIMENT_FAILED, "")
+        assert sentence in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bench_that_is_not_in_order_is_not_said_to_be_ready(run: Run, rig_with: Callable[..., Path]) -> None:
+    code, out, _ = run("rig", "check", rig_with(actuator="{ node = 5 }"))
+    assert code == ExitCode.TIMEOUT
+    assert "norton-bench identify can run on it once what was found is mended: tare" in out
 
 
 def test_what_identify_would_refuse_is_told_and_is_no_problem_of_the_bench(run: Run, tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -27,6 +28,26 @@ def test_copies_refer_to_each_other(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert session.rig is None or load_rig(session.rig).backend == "simulated"
     assert (tmp_path / "mine" / "docs" / "rig-file.md").is_file()
     assert not [*tmp_path.rglob("*.pyc")]
+
+
+def test_the_links_of_copied_documents_lead_somewhere(tmp_path: Path) -> None:
+    assert app.main(["examples", str(tmp_path)]) == ExitCode.OK
+    documents = sorted(tmp_path.rglob("*.md"))
+    links = {
+        (str(document.relative_to(tmp_path)), link.partition("#")[0])
+        for document in documents
+        for link in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", document.read_text(), flags=re.DOTALL))
+        if not link.startswith(("http", "#"))
+    }
+    assert len(links) > 200
+    assert [
+        (document, to) for document, to in sorted(links) if not (tmp_path / document).parent.joinpath(to).exists()
+    ] == []
+    # What is copied keeps its links, and what is not keeps its words.
+    text = (tmp_path / "docs" / "architecture.md").read_text()
+    assert "[`procedures/catalogue.py`]" not in text
+    assert "`procedures/catalogue.py`" in text
+    assert "](../README.md#what-it-identifies)" in "".join(document.read_text() for document in documents)
 
 
 def test_what_is_there_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -82,7 +82,7 @@ def test_json_and_nothing_else(tried: Tried, capsys: pytest.CaptureFixture[str])
     streams = capsys.readouterr()
     told = json.loads(streams.out)
     assert streams.err == ""
-    assert told["safe"] is True
+    assert (told["passed"], told["safe"], told["no_watchdog"], told["skipped"]) == (True, True, 0, 0)
     assert [case["fault"] for case in told["cases"]] == ["reads beyond the limit", "reads no number"]
     case = told["cases"][0]
     assert (case["verdict"], case["expected"], case["safe"], case["detected_s"]) == ("stopped", "stop", True, 0.062)
@@ -108,6 +108,32 @@ def test_one_case_that_does_not_end_safely_is_a_failure(
     tried.verdict = verdict
     assert app.main(["faults", str(RIG), "--only", "undervoltage"]) == code
     assert verdict.value in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("verdict", "passed", "safe", "counts"),
+    [
+        (Verdict.RIDDEN_THROUGH, True, True, (0, 0)),
+        (Verdict.NO_WATCHDOG, True, False, (1, 0)),
+        (Verdict.SKIPPED, True, None, (0, 1)),
+        (Verdict.TOO_LATE, False, False, (0, 0)),
+    ],
+)
+def test_all_together_are_no_safer_than_each(
+    tried: Tried,
+    verdict: Verdict,
+    passed: bool,
+    safe: bool | None,
+    counts: tuple[int, int],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tried.verdict = verdict
+    app.main(["faults", str(RIG), "--only", "one frame lost", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    count = len(told["cases"])
+    assert (told["passed"], told["safe"]) == (passed, safe)
+    assert (told["no_watchdog"], told["skipped"]) == tuple(each * count for each in counts)
+    assert {case["safe"] for case in told["cases"]} == {safe}
 
 
 def test_without_a_rig_those_of_the_families_are_tried(

@@ -41,7 +41,8 @@ class Conversation:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.terminal, far = pty.openpty()
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "dumb", "COLUMNS": "200"}
+        paths = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+        environment = {**os.environ, "PYTHONPATH": paths, "TERM": "dumb", "COLUMNS": "200"}
         self.process = subprocess.Popen(
             [*PROGRAM, *arguments], cwd=folder, env=environment, stdin=far, stdout=far, stderr=far
         )
@@ -112,6 +113,8 @@ def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversat
     )
     assert "must be a multicast address" in conversation.said
     assert "99 must be at most 63" in conversation.said
+    assert "actuator.driver: the device under test: its driver (cia402, cubemars, " in conversation.said
+    assert conversation.said.count("slcan") <= 2  # adapters are named once
     assert "norton-bench identify can run on it: tare, free, validate" in conversation.said
 
 

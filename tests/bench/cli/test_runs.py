@@ -39,6 +39,17 @@ def test_two_beside_each_other(folder: Path, capsys: pytest.CaptureFixture[str])
     assert "corrected for 7 parameters" in " ".join(out.split())
 
 
+def test_another_unit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    left_by_a_run(folder / "in amperes", unit="A")
+    pair = ["--compare", str(folder / "0"), str(folder / "in amperes")]
+    assert app.main(["runs", *pair]) == ExitCode.OK
+    words = " ".join(capsys.readouterr().out.split())
+    assert "corrected for 6 parameters. Left out, because the units differ: torque_gain (N*m/(N*m), N*m/(A))." in words
+    assert app.main(["runs", *pair, "--json"]) == ExitCode.OK
+    last = json.loads(capsys.readouterr().out)[-1]
+    assert (last["parameter"], last["second_unit"], last["difference"]) == ("torque_gain", "N*m/(A)", None)
+
+
 def test_over_time(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert app.main(["runs", str(folder), "--trend", "coulomb_torque"]) == ExitCode.OK
     words = " ".join(capsys.readouterr().out.split())

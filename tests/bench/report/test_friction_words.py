@@ -99,6 +99,16 @@ def test_richer_models_that_fit_worse_are_explained() -> None:
     assert laws == ("maxwell-slip is a sum of elements that each yield all at once, without damping before sliding.",)
 
 
+def test_every_richer_model_that_shows_a_greater_error_is_named() -> None:
+    best = Line("dahl", 4, 0.00871)
+    models = [best, Line("lugre", 6, 0.00880), Line("maxwell-slip", 17, 0.034)]
+    (others, extensions), laws = worse_though_richer(best, models)
+    assert "maxwell-slip" in others
+    assert "lugre" not in others
+    assert extensions.startswith("lugre extends dahl, but comes near to it only at the edge of what is searched")
+    assert len(laws) == 1
+
+
 def test_nothing_is_explained_where_nothing_is_worse() -> None:
     best = Line("dahl", 4, 0.009)
     assert worse_though_richer(best, [best, Line("lugre", 6, 0.009), Line("stribeck", 4, 0.1)]) == ([], ())

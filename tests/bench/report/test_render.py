@@ -336,6 +336,24 @@ def test_without_a_covariance_there_is_no_interval(full: Result) -> None:
     assert {row[2] for row in facts.rows} == {"–"}
 
 
+@pytest.mark.parametrize(
+    ("term", "symbols"),
+    [
+        (NetworkTerm("cogging", (1e-4, 2e-4), 42), ["θ", "p"]),
+        (NetworkTerm("saturation", (0.1,)), ["lag(c)"]),
+        (NetworkTerm("gain_drift", (1e-4, 0.0)), ["t"]),
+        (NetworkTerm("compliance", (50.0, 0.01, 1e-5)), ["θ", "q", "τ_j"]),
+        (NetworkTerm("asymmetry", (0.1,)), []),
+    ],
+)
+def test_the_symbols_of_terms_are_explained(full: Result, term: NetworkTerm, symbols: list[str]) -> None:
+    assert full.fit is not None
+    without = model_of(replace(full.fit, network=replace(full.fit.network, terms=())), "N*m")
+    found = model_of(replace(full.fit, network=replace(full.fit.network, terms=(term,))), "N*m")
+    assert [symbol for symbol, _ in found.variables[len(without.variables) :]] == symbols
+    assert ("have no interval" in found.remark) == (term.name == "cogging")
+
+
 def test_terms_stand_among_the_equations_and_the_parameters(full: Result) -> None:
     assert full.fit is not None
     term = NetworkTerm("asymmetry", (0.1,))

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.errors import ExitCode, RigError
+from norton_bench.errors import ExitCode, RigError, UsageError
 from norton_bench.rig.files import toml
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Command, Supervision
+from norton_bench.session.schema import load_session
 from norton_drivers.dbc_sensor import SHIPPED
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -405,8 +406,14 @@ def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path: Path, make: Callab
 
 def test_neighbours_of_a_missing_file_are_offered(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("")
-    with pytest.raises(RigError, match=r"mine\.toml"):
+    with pytest.raises(RigError, match=r"there are: \S+mine\.toml$"):
         load_rig(tmp_path / "mien.toml")
+    (tmp_path / "session.toml").write_text('[[step]]\ndo = "tare"\n')
+    (tmp_path / "rig.toml").write_text((RIGS / "sim-odrive.toml").read_text())
+    with pytest.raises(RigError, match=r"there are: \S+rig\.toml$"):
+        load_rig(tmp_path / "mien.toml")
+    with pytest.raises(UsageError, match=r"there are: \S+session\.toml$"):
+        load_session(tmp_path / "mien.toml")
 
 
 @settings(deadline=None)

@@ -58,6 +58,9 @@ def test_the_fewest_answers_give_a_rig() -> None:
 
 def test_a_dynamometer() -> None:
     rig = rig_of(DYNO)
+    shipped = load_rig(next(path for path in RIGS if path.stem == "sim-odrive")).limits
+    # As wide as rehearsals need on a busy computer.
+    assert (rig.limits.stale_after_ns, rig.limits.stall_after_ns) == (shipped.stale_after_ns, shipped.stall_after_ns)
     assert rig.wiring.load.direction == -1
     assert rig.wiring.torque_sensor.port == "/dev/ttyUSB0"
     assert (rig.command.unit, rig.command.limit, rig.limits.load_torque_nm) == ("N*m", 0.5, 1.0)
@@ -143,6 +146,12 @@ def test_what_is_not_answered_is_named(key: str) -> None:
     answers = {name: answer for name, answer in DYNO.items() if name != key}
     with pytest.raises(UsageError, match=rf"{key} is not answered: add --set {key}="):
         rig_of(answers)
+
+
+def test_whoever_has_named_no_driver_is_told_all() -> None:
+    every = ", ".join(registry.installed(registry.group_of("actuator")))
+    with pytest.raises(UsageError, match=rf"actuator.driver is not answered.*; one of {every}\)"):
+        rig_of({name: answer for name, answer in DYNO.items() if name != "actuator.driver"})
 
 
 def test_answers_that_contradict_each_other_are_told_as_in_any_rig_file() -> None:

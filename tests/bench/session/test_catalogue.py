@@ -1,5 +1,6 @@
 """Earlier runs, by the files that they left."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import UsageError
-from norton_bench.models.network import STATUS, NortonNetwork
+from norton_bench.models.network import CONDITIONS, DEVIATION, STATUS, NortonNetwork
 from norton_bench.models.parameters import Status
 from norton_bench.session.catalogue import Run, _line, compare, run_of, runs_in, trend_of
 
@@ -24,14 +25,16 @@ TRUE = {
 STD = 0.01  # of each value
 
 
-def left_by_a_run(folder: Path, days: float = 0.0, rig: str = "dyno", **values: float) -> Path:
+def left_by_a_run(
+    folder: Path, days: float = 0.0, rig: str = "dyno", unit: str = "N*m", told: str = "", **values: float
+) -> Path:
     """A recording's place with the network file beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     recording = folder / f"{rig}.mcap"
     recording.touch()
     network = NortonNetwork.of_parameters(
         {**TRUE, **values},
-        "N*m",
+        unit,
         covariance_names=tuple(TRUE),
         covariance=tuple(map(tuple, np.diag([(STD * value) ** 2 for value in TRUE.values()]).tolist())),
         provenance={
@@ -39,6 +42,8 @@ def left_by_a_run(folder: Path, days: float = 0.0, rig: str = "dyno", **values: 
             "session": "the standard session",
             "started": (BEGAN + timedelta(days=days)).isoformat(),
             STATUS: "presliding_damping=inadequate",
+            CONDITIONS: told,
+            DEVIATION: "torque_constant=1e-05; amplifier_gain=0.002",
         },
     )
     network.save(recording.with_suffix(".network.json"))
@@ -69,10 +74,43 @@ def test_what_cannot_be_read_is_listed_with_the_reason(tmp_path: Path) -> None:
         run_of(tmp_path)
 
 
+def test_parameters_drawn_from_others_and_the_conditions_are_told_by_the_network_file(tmp_path: Path) -> None:
+    told = "impedance form=holds; unique zero=does not hold; stable zero dynamics=cannot be told"
+    whole = run_of(left_by_a_run(tmp_path / "1", torque_constant=0.05, amplifier_gain=18.0, told=told))
+    assert whole.ending == "8 valid, 1 inadequate; unique zero does not hold, stable zero dynamics cannot be told"
+    assert whole.estimates["torque_constant"].std == 1e-5
+    assert whole.conditions["impedance form"] == "holds"
+    held = run_of(left_by_a_run(tmp_path / "2", told="impedance form=holds; unique zero=holds"))
+    assert held.ending == "6 valid, 1 inadequate; conditions hold"
+
+
+def test_what_is_in_another_unit_is_left_out_and_named(tmp_path: Path) -> None:
+    of_torque = run_of(left_by_a_run(tmp_path / "1"))
+    of_current = run_of(left_by_a_run(tmp_path / "2", unit="A", coulomb_torque=0.022))
+    found = compare(of_torque, of_current)
+    assert [(one.name, one.unit, other.unit) for one, other in found.left_out] == [
+        ("torque_gain", "N*m/(N*m)", "N*m/(A)")
+    ]
+    assert [each.first.name for each in found.differences] == [name for name in TRUE if name != "torque_gain"]
+    assert [each.first.name for each in found.differences if each.shows] == ["coulomb_torque"]
+    only_gains = [
+        replace(run, estimates={"torque_gain": run.estimates["torque_gain"]}) for run in (of_torque, of_current)
+    ]
+    with pytest.raises(UsageError, match="have torque_gain, each in two units"):
+        compare(*only_gains)
+
+
+def test_several_rigs_have_no_trend(tmp_path: Path) -> None:
+    for number, rig in enumerate(("dyno", "dyno", "other")):
+        left_by_a_run(tmp_path / str(number), days=number, rig=rig)
+    with pytest.raises(UsageError, match="coulomb_torque: was identified on dyno, other; choose one with --rig"):
+        trend_of("coulomb_torque", runs_in(tmp_path))
+
+
 def test_two_runs_differ_where_chance_does_not_explain_it(tmp_path: Path) -> None:
     first = run_of(left_by_a_run(tmp_path / "1"))
     second = run_of(left_by_a_run(tmp_path / "2", coulomb_torque=0.022, inertia=5.05e-5).parent)
-    found = {difference.first.name: difference for difference in compare(first, second)}
+    found = {difference.first.name: difference for difference in compare(first, second).differences}
     assert [name for name, difference in found.items() if difference.shows] == ["coulomb_torque"]
     assert found["coulomb_torque"].value == pytest.approx(0.002)
     assert found["coulomb_torque"].std == pytest.approx(np.sqrt(2) * STD * 0.02)
@@ -90,7 +128,7 @@ def test_nothing_differs_by_chance_more_often_than_said(tmp_path: Path) -> None:
         }
         return Run(base.recording, base.rig, base.session, base.started, base.ending, moved)
 
-    alarms = sum(any(difference.shows for difference in compare(drawn(), drawn())) for _ in range(400))
+    alarms = sum(any(difference.shows for difference in compare(drawn(), drawn()).differences) for _ in range(400))
     assert 5 <= alarms <= 33
 
 

@@ -153,6 +153,14 @@ def test_prompts_may_be_answered_beforehand(tmp_path: Path) -> None:
     assert events(tmp_path, "answer") == ["fixture: A", "name: Ada"]
 
 
+def test_a_script_is_told_how_a_script_answers(tmp_path: Path) -> None:
+    said = (
+        r'the script: asks "Which fixture\?".*; give it answers=Answers\(\{"fixture": "A"\}\) or answers=Answers\(yes='
+    )
+    with pytest.raises(UsageError, match=said):
+        performed(asking, tmp_path, Attendant(answers=False))
+
+
 @pytest.mark.parametrize(
     ("answers", "said"),
     [

@@ -36,7 +36,7 @@ MOTOR = "dahl_motor"
 NO_LEAST = "unlimited"
 # An ordinary desktop or laptop stands still for tens of milliseconds now and then (docs/rig-file.md): these allow for
 # that, as the rigs that are shipped do, and the drives' watchdogs must outlast them.
-STALE, STALL, WATCHDOG = "60 ms", "100 ms", "300 ms"
+STALE, STALL, WATCHDOG = "100 ms", "100 ms", "300 ms"
 STALL_S = 0.1
 READABLE = 0.8  # of what a drive's readings can tell: a reading must not end where the guard still looks
 # The standard session turns the shaft by its way in some part of a second at this speed: imposed motion in 0.24 s,
@@ -228,7 +228,7 @@ class Interview:
         text = f"its interface in python-can: {', '.join(ADAPTERS)}, ..."
         data_bitrate = data_bitrate_for(on_it)
         known = sorted(each for each in INTERFACES if data_bitrate is None or ADAPTERS.get(each, UNKNOWN).fd)
-        interface = self._choice(Question(f"bus.{name}.interface", text, likely), known)
+        interface = self._choice(Question(f"bus.{name}.interface", text, likely, listed=False), known)
         adapter = ADAPTERS.get(interface, UNKNOWN)
         channel = next((port.channel for kind, port in result if kind == interface), None)
         section = Section(f"bus.{name}")
@@ -305,7 +305,8 @@ class Interview:
         section.add("temperature", temperature, "of the drives' transistors and motors")
         if with_sensor:
             self._shown(section, "power", "W", "20 W", "mechanical, at the port")
-        self._shown(section, "stale_after", "s", STALE, "a reading older than this stops the experiment", active=True)
+        comment = "a reading older than this stops the experiment; 20 ms will do on a quiet computer"
+        self._shown(section, "stale_after", "s", STALE, comment, active=True)
         comment = "the loop itself standing still; below the watchdogs; 50 ms will do on a quiet computer"
         self._shown(section, "stall_after", "s", STALL, comment, active=True)
         return section

@@ -30,7 +30,8 @@ def anything(text: str) -> str:
 class Question:
     """``key`` is where the answer goes in the rig file, e.g. "actuator.node"; ``check`` makes it what is written there.
 
-    ``check`` raises ValueError, in a sentence, for what cannot be. No ``default``: it must be answered.
+    ``check`` raises ValueError, in a sentence, for what cannot be. No ``default``: it must be answered. Of ``choices``
+    that are not ``listed`` the text names those that matter.
     """
 
     key: str
@@ -39,6 +40,7 @@ class Question:
     example: str = ""
     choices: tuple[str, ...] = ()
     check: Callable[[str], str] = anything
+    listed: bool = True
 
     def accept(self, text: str) -> str:
         """The answer as it will be written. Raises ValueError, in a sentence."""
@@ -78,7 +80,10 @@ class Prepared:
         answer = self.answers.get(question.key, question.default)
         if answer is None:
             like = question.example or "..."
-            raise UsageError(f"{question.key} is not answered: add --set {question.key}={like} ({question.text})")
+            one_of = f"; one of {', '.join(question.choices)}" if question.choices and question.listed else ""
+            raise UsageError(
+                f"{question.key} is not answered: add --set {question.key}={like} ({question.text}{one_of})"
+            )
         try:
             return question.accept(answer)
         except ValueError as error:
