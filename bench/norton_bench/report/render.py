@@ -11,7 +11,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import BY_NAME, Estimate, Status
+from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
 from norton_bench.models.terms import Factor, NetworkTerm
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
@@ -27,6 +27,7 @@ from norton_bench.report.words import (
     pretty_unit,
     symbol,
     to_its_digits,
+    within,
 )
 from norton_bench.result import Result
 from norton_drivers.servo import Servo
@@ -80,11 +81,6 @@ _SERVO_SOURCES = {
     ),
     False: (_LINES[-1][0], "ωN = ({torque_gain}·c ∓ {coulomb_torque}) / ({viscous_damping} + {torque_gain})"),
 }
-_NO_INTERVAL = (
-    "The a and b of a torque that depends on the position have no interval: the wave was sought where it stands out, "
-    "and the deviation of the fit does not count that search. The data sheet of the recording gives the size of each "
-    "wave with an interval."
-)
 _RATIOS = (
     "Without a measured torque the scale is unknown: the values are known up to one common factor, and torques are "
     "in the unit of the command."
@@ -109,7 +105,7 @@ def model_of(fit: FitResult, command_unit: str) -> ModelEquations:
         *_variables_of(fit.network.servo),
     )
     more = tuple(each for each in _variables_of_terms(fit.network.terms) if each[0] not in dict(variables))
-    remarks = (_RATIOS if fit.ratios_only else "", _NO_INTERVAL if _has_cogging(fit.network) else "")
+    remarks = (_RATIOS if fit.ratios_only else "", _amplitudes(fit))
     return ModelEquations(lines, variables + more, " ".join(filter(None, remarks)))
 
 
@@ -153,8 +149,18 @@ def _variables_of_terms(terms: Sequence[NetworkTerm]) -> Iterator[tuple[str, str
     return ((symbol, meaning) for sign, symbol, meaning in _OF_TERMS if sign in written)
 
 
-def _has_cogging(network: NortonNetwork) -> bool:
-    return any(each.term.factor is Factor.TORQUE for each in network.terms)
+def _amplitudes(fit: FitResult) -> str:
+    """Of the waves of cogging, whose cosine and sine stand in the equation: empty where there are none."""
+    if not fit.cogging:
+        return ""
+    unit = "of the command's unit" if fit.ratios_only else "mN·m"
+    scale = 1.0 if fit.ratios_only else 1e3
+    waves = (
+        f"{within(scale * each.amplitude_nm, scale * HALF_INTERVAL * each.std_nm)} {unit} at {each.periods_per_turn:g} "
+        "periods a turn"
+        for each in fit.cogging
+    )
+    return f"Amplitude √(a² + b²) of the torque by position: {', '.join(waves)}."
 
 
 # What the equation of a term is for.

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.results import Cogging
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import NetworkTerm
 from norton_bench.report.render import DIGITS, derived_facts, model_of, render, row, write_report
@@ -351,7 +352,13 @@ def test_the_symbols_of_terms_are_explained(full: Result, term: NetworkTerm, sym
     without = model_of(replace(full.fit, network=replace(full.fit.network, terms=())), "N*m")
     found = model_of(replace(full.fit, network=replace(full.fit.network, terms=(term,))), "N*m")
     assert [symbol for symbol, _ in found.variables[len(without.variables) :]] == symbols
-    assert ("have no interval" in found.remark) == (term.name == "cogging")
+
+
+def test_the_amplitude_of_cogging_stands_below_the_equation_with_its_interval(full: Result) -> None:
+    assert full.fit is not None
+    fit = replace(full.fit, cogging=(Cogging(42, 0.299e-3, 0.0056e-3),))
+    assert "0.30 ± 0.01 mN·m at 42 periods a turn" in model_of(fit, "N*m").remark
+    assert "Amplitude" not in model_of(replace(fit, cogging=()), "N*m").remark
 
 
 def test_terms_stand_among_the_equations_and_the_parameters(full: Result) -> None:
