@@ -69,6 +69,10 @@ class ByHandScreen(Screen[None]):
     def on_mount(self) -> None:
         self.set_interval(1 / self._fps, self._frame)
 
+    def on_resize(self) -> None:
+        """What had no room until now has missed the last frames, and after the end there are no more."""
+        self.call_after_refresh(self.draw_frame, all_of_it=True)
+
     def _frame(self) -> None:
         """Read the events; draw, where the terminal has taken the last frame."""
         self.experiment.update()

@@ -70,6 +70,10 @@ class ExperimentScreen(Screen[None]):
         self.action_view(0)
         self.set_interval(1 / self._fps, self._frame)
 
+    def on_resize(self) -> None:
+        """What had no room until now has missed the last frames, and after the end there are no more."""
+        self.call_after_refresh(self.draw_frame, all_of_it=True)
+
     def _frame(self) -> None:
         """Read the events; draw, where there are any and the terminal has taken the last frame."""
         self.experiment.update()
