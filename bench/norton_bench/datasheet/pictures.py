@@ -16,6 +16,7 @@ from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
 from norton_bench.models.derived import backdriving_nm, interval_of, seen_to, torque_at
 from norton_bench.models.drawn_motor import Motor, drawn, estimate_of
+from norton_bench.report.figures_network import drawn_samples
 from norton_bench.report.svg import Palette, thinned
 from norton_bench.report.words import pretty_unit
 
@@ -268,7 +269,7 @@ def draw_hysteresis(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Pal
     axes = part.subplots()
     for each in drawn_sheets:
         for place, loop in enumerate(each.sheet.evidence.loops):
-            some = thinned(len(loop.position_rad), 400)
+            some = drawn_samples(loop)
             x_mrad = 1e3 * loop.position_rad[some]
             measured, network = (each.label(text) if not place else None for text in ("measured", "network"))
             axes.plot(x_mrad, loop.measured_nm[some], color=each.points, linewidth=0.7, alpha=0.7, label=measured)
