@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import hypot, isfinite
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.models.terms import Factor, NetworkTerm, factors_of
 from norton_bench.networks.family import Network
+from norton_bench.report.words import number, pretty_unit
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 
@@ -152,10 +153,20 @@ def sheet_of_result(result: Result) -> Sheet:
 def _terms(network: NortonNetwork) -> tuple[str, ...]:
     """One sentence for each term: its values, and how the figures have it."""
     return tuple(
-        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({term.text(network.command_unit)}); "
+        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]}{_values_of(term, network.command_unit)}; "
         + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are {_figures_of(term)}.")
         for term in network.terms
     )
+
+
+def _values_of(term: NetworkTerm, command_unit: str) -> str:
+    """Of a wave its amplitude: its two parameters depend on where the encoder's zero is."""
+    if not term.term.periodic:
+        return f" ({term.text(command_unit, unit=pretty_unit)})"
+    amplitude = hypot(*term.values)
+    is_torque = term.term.parameters[0].unit == "N*m"
+    size = f"cogging of {number(1e3 * amplitude, 3)} mN·m" if is_torque else f"by {number(100 * amplitude, 3)} %"
+    return f": {size}, {term.periods_per_turn:.4g} periods a turn"
 
 
 def _figures_of(term: NetworkTerm) -> str:

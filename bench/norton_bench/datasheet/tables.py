@@ -1,11 +1,11 @@
 """The sheet's tables and sentences, as text: the same on the page and on paper."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import isfinite, pi
 
 from norton_bench.datasheet.ripple import Order, Wave
 from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue
-from norton_bench.models.derived import Figure, OperatingPoint
+from norton_bench.models.derived import BANDWIDTH, Figure, OperatingPoint
 from norton_bench.models.parameters import Parameter
 from norton_bench.report.words import NO_NUMBER as NONE
 from norton_bench.report.words import Facts, between, number, parameter_named, pretty_unit, within
@@ -59,10 +59,30 @@ def valid_where(figure: Figure, sheet: Sheet) -> str:
     unit = pretty_unit(sheet.network.command_unit)
     words = ["measured range"] if figure.at is None else [_at(figure.at, figure, unit)]
     if figure.extrapolated:
-        words.append("extrapolated")
+        words.append(_beyond(figure))
+    words += _beyond_the_points(figure, sheet)
     if not figure.settled and figure.status is not None:
         words.append(figure.status.value)
     return "; ".join(words)
+
+
+def _beyond(figure: Figure) -> str:
+    """The speed without a load is often more than was measured, and than the rig allows: then it says so."""
+    at = figure.at
+    if at is not None and figure.row.name == "no_load_speed" and figure.value > at.velocity_rad_s:
+        return f"extrapolated beyond {number(at.velocity_rad_s, 3)} rad/s"
+    return "extrapolated"
+
+
+def _beyond_the_points(figure: Figure, sheet: Sheet) -> list[str]:
+    """A bandwidth is the model's where no point of the torque's frequency response lies so high."""
+    spectra = sheet.evidence.spectra
+    if BANDWIDTH not in figure.row.needs or spectra is None or not spectra.torque.frequency_hz.size:
+        return []
+    last_hz = float(spectra.torque.frequency_hz.max())
+    if sheet.network.amplifier_bandwidth_rad_s <= 2 * pi * last_hz:
+        return []
+    return [f"points up to {number(last_hz, 2)} Hz, beyond: the model's"]
 
 
 def range_sentence(sheet: Sheet) -> str:

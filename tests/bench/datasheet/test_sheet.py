@@ -14,7 +14,7 @@ from norton_bench.datasheet.data import content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
-from norton_bench.datasheet.tables import remarks
+from norton_bench.datasheet.tables import remarks, valid_where
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.report.svg import Palette
 from norton_bench.result import Result
@@ -242,5 +242,35 @@ def test_terms_stand_on_the_sheet_with_how_the_figures_have_them() -> None:
     assert {"stribeck_torque", "load_friction", "quadratic_drag"} <= {each.name for each in sheet.parameters}
     page = html([sheet])
     assert "Coulomb torque at rest less that in fast sliding" in page
-    assert "(Δτ = 0.008 N*m, v_s = 2 rad/s); the figures hold this." in page
-    assert "p = 8); the figures are the mean over a turn." in page
+    assert "(Δτ = 0.008 N·m, v_s = 2 rad/s); the figures hold this." in page
+    assert ", 8 periods a turn; the figures are the mean over a turn." in page
+    assert "p = 8" not in page
+
+
+def test_cogging_is_said_by_its_amplitude() -> None:
+    (cogging,) = (term for term in motor_with_terms().terms if term.name == "cogging")
+    wave = replace(cogging, values=(3e-4, -4e-4), periods_per_turn=42.0)
+    sheet = sheet_of_network(replace(network(), terms=(wave,)), "some.network.json")
+    said = "A torque acts that depends on the position: cogging of 0.500 mN·m, 42 periods a turn; "
+    assert any(sentence.startswith(said) for sentence in sheet.told)
+
+
+def test_a_speed_beyond_what_the_rig_allows_says_so(recorded: Sheet) -> None:
+    (speed,) = (
+        each for each in recorded.figures() if each.row.name == "no_load_speed" and each.at == recorded.points[1]
+    )
+    assert speed.value > recorded.points[1].velocity_rad_s
+    assert valid_where(speed, recorded).endswith("rig's limits; extrapolated beyond 80.0 rad/s")
+
+
+def test_a_bandwidth_above_the_measured_points_says_so(recorded: Sheet) -> None:
+    spectra = recorded.evidence.spectra
+    assert spectra is not None
+    figures = {each.row.name: each for each in recorded.figures()}
+    last_hz = spectra.torque.frequency_hz.max()
+    assert figures["torque_bandwidth"].value > last_hz
+    said = f"measured range; points up to {last_hz:.0f} Hz, beyond: the model's"
+    assert all(valid_where(figures[name], recorded) == said for name in ("torque_bandwidth", "torque_rise_time"))
+    assert valid_where(figures["breakaway_torque"], recorded) == "measured range"
+    slow = replace(recorded, network=replace(recorded.network, amplifier_bandwidth_rad_s=6.0 * last_hz))
+    assert "points" not in valid_where(figures["torque_bandwidth"], slow)
