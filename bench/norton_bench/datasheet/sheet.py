@@ -6,8 +6,10 @@ from math import hypot, isfinite
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
+from norton_bench.identification.statistics import tail_of_each
 from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
 from norton_bench.models.drawn_motor import MEAN_TERMS, has_covariance
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_statuses
@@ -85,10 +87,14 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Difference:
-    """The second figure less the first; the interval is that of independent draws."""
+    """The second figure less the first; the interval is that of independent draws.
+
+    ``tail`` is the chance on either side of the interval that must not hold zero where they differ.
+    """
 
     first: Figure
     second: Figure
+    tail: float
 
     @property
     def value(self) -> float:
@@ -96,14 +102,18 @@ class Difference:
 
     @property
     def interval(self) -> Interval:
-        with np.errstate(invalid="ignore"):
-            return interval_of(np.nan_to_num(self.second.draws - self.first.draws, nan=0.0))
+        return interval_of(self._draws)
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than the two intervals leave open."""
-        low, high = self.interval
+        """Whether it is more than chance makes of so many comparisons."""
+        low, high = interval_of(self._draws, self.tail)
         return self.first.settled and self.second.settled and not low <= 0.0 <= high
+
+    @property
+    def _draws(self) -> FloatArray:
+        with np.errstate(invalid="ignore"):
+            return np.nan_to_num(self.second.draws - self.first.draws, nan=0.0)
 
 
 def sheet_of_network(network: Network, file: str) -> Sheet:
@@ -197,11 +207,12 @@ def compared(first: Sheet, second: Sheet) -> tuple[Difference, ...]:
     alike = first.network.command_unit == second.network.command_unit
     points = _common(first.points, second.points) if alike else ()
     others = {figure.key: figure for figure in replace(second, seed=first.seed + 1).figures(points)}
-    return tuple(
-        Difference(figure, others[figure.key])
+    pairs = [
+        (figure, others[figure.key])
         for figure in first.figures(points)
         if figure.key in others and figure.unit == others[figure.key].unit
-    )
+    ]
+    return tuple(Difference(*pair, tail_of_each(len(pairs))) for pair in pairs)
 
 
 def _common(first: Sequence[OperatingPoint], second: Sequence[OperatingPoint]) -> tuple[OperatingPoint, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_quantile, t_quantile
 from norton_bench.errors import UsageError
-from norton_bench.identification.statistics import NORMAL_95, Combined, combine
+from norton_bench.identification.statistics import NORMAL_95, Combined, combine, tail_of_each
 from norton_bench.models.network import NortonNetwork, told_statuses
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.recording.reader import read_happenings
@@ -81,7 +81,7 @@ def compare(first: Run, second: Run) -> tuple[Difference, ...]:
     names = [name for name in first.estimates if name in second.estimates]
     if not names:
         raise UsageError(f"{first.recording} and {second.recording}: have no identified parameter in common")
-    beyond = -normal_quantile(0.025 / len(names))
+    beyond = -normal_quantile(tail_of_each(len(names)))
     return tuple(_difference(first.estimates[name], second.estimates[name], beyond) for name in names)
 
 

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.datasheet.data import content_of, html, sheet_data
+from norton_bench.datasheet.data import comparison_data, content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
-from norton_bench.datasheet.tables import remarks, valid_where
+from norton_bench.datasheet.tables import difference_table, parameter_difference_table, remarks, valid_where
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.report.svg import Palette
+from norton_bench.report.words import between
 from norton_bench.result import Result
 from tests.bench.models.test_derived import motor_with_terms, network
 from tests.bench.networks.some import PNEUMATIC
@@ -183,18 +184,58 @@ def test_what_differs_is_named_and_nothing_else(alone: Sheet) -> None:
 
 
 def test_independent_repetitions_seldom_differ() -> None:
-    """Two networks whose values scatter as their covariances say: one comparison in twenty is significant."""
+    """Two networks whose values scatter as their covariances say: anything differs in one pair of sheets of twenty."""
     rng = np.random.default_rng(4)
     significant = []
     for _ in range(60):
         sheets = []
         for _ in range(2):
-            coulomb_nm = 0.02 * (1 + 0.01 * rng.standard_normal())
-            sheets.append(sheet_of_network(replace(network(), coulomb_torque_nm=coulomb_nm), "x"))
-        (found,) = (each for each in compared(*sheets) if each.first.row.name == "breakaway_torque")
-        significant.append(found.significant)
+            gain, coulomb, stiffness = 1 + 0.01 * rng.standard_normal(3)
+            own = replace(
+                network(),
+                torque_gain=gain * network().torque_gain,
+                coulomb_torque_nm=coulomb * network().coulomb_torque_nm,
+                presliding_stiffness_nm_rad=stiffness * network().presliding_stiffness_nm_rad,
+            )
+            sheets.append(sheet_of_network(own, "x"))
+        significant.append(any(each.significant for each in compared(*sheets)))
     # Binomial: of 60 with a chance of 5 % each, 10 or more come once in a thousand times.
     assert sum(significant) < 10
+
+
+def test_side_by_side_each_has_its_interval_and_its_status(alone: Sheet) -> None:
+    """A row below the values: the interval of each, and why there is none."""
+    told = network().with_provenance({"status": "viscous_damping=inadequate"})
+    other = sheet_of_network(told, "other.json")
+    table = parameter_difference_table(alone, other)
+    place = next(place for place, row in enumerate(table.rows) if row[1] == "torque per velocity")
+    (damping,) = (each for each in alone.parameters if each.name == "viscous_damping")
+    interval = between(damping.value, damping.interval)[1]
+    assert table.rows[place + 1][1:] == ("95 % interval", interval, "–", "", "", "B: inadequate")
+    figures = difference_table(compared(alone, other))
+    place = next(place for place, row in enumerate(figures.rows) if row[0] == "Tm")
+    assert figures.rows[place][4] == "–"
+    assert figures.rows[place + 1][3:] == ("–", "", "", "B: inadequate")
+
+
+def test_side_by_side_what_lies_beyond_the_measurements_is_marked(recorded: Sheet) -> None:
+    table = difference_table(compared(recorded, recorded))
+    place = next(place for place, row in enumerate(table.rows) if row[1].startswith("stall torque (rig's limits"))
+    assert table.rows[place + 1][-1] == "extrapolated"
+    data = next(each for each in comparison_data(compared(recorded, recorded)) if each["name"] == "stall_torque")
+    assert data["extrapolated"] == [False, False]
+    assert data["statuses"] == ["valid", "valid"]
+    assert all(low < value < high for value, (low, high) in zip(data["values"], data["intervals"], strict=True))
+
+
+@pytest.mark.parametrize("deviations", [2.2, 4.0])
+def test_a_parameter_differs_as_it_does_between_runs(alone: Sheet, deviations: float) -> None:
+    """More than 1.96 deviations are nothing unusual among seven parameters."""
+    (gain,) = (each for each in alone.parameters if each.name == "torque_gain")
+    apart = gain.value + deviations * 2**0.5 * gain.std
+    other = replace(alone, parameters=(replace(gain, value=apart), *alone.parameters[1:]))
+    row = parameter_difference_table(alone, other).rows[0]
+    assert row[-1] == ("differs" if deviations > 3 else "")
 
 
 def test_other_commands_leave_what_can_be_compared(alone: Sheet) -> None:
