@@ -113,6 +113,19 @@ def range_sentence(sheet: Sheet) -> str:
     )
 
 
+# By whether the motor's current and the supply's voltage were recorded: power needs both of one place.
+_ELECTRICAL = {
+    (
+        True,
+        True,
+    ): "the current of the motor and the voltage of the supply were recorded, but neither the current from the "
+    "supply nor the voltage at the motor",
+    (True, False): "the current of the motor was recorded, but no voltage",
+    (False, True): "the voltage of the supply was recorded, but no current",
+    (False, False): "no current and no voltage were recorded",
+}
+
+
 def remarks(sheet: Sheet) -> Iterator[str]:
     """What was measured and shows nothing, and what was not measured: said, so that nobody looks for it."""
     evidence = sheet.evidence
@@ -126,9 +139,8 @@ def remarks(sheet: Sheet) -> Iterator[str]:
     if evidence.order_nm.size and not any(order.is_torque for order in evidence.orders):
         yield "No cogging and no ripple stands out from the noise."
     yield from map(_angle_sentence, (order for order in evidence.orders if order.angle_error_rad.shows))
-    known = "the drive's current was recorded, but no voltage" if evidence.has_current else "no current and no voltage"
-    recorded = "" if evidence.has_current else " were recorded"
-    yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
+    missing = _ELECTRICAL[evidence.has_current, evidence.has_supply]
+    yield f"There is no electrical efficiency: {missing}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
 
 

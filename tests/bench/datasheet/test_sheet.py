@@ -127,8 +127,9 @@ def test_ratios_alone_make_a_sheet_without_torques() -> None:
 
 def test_it_says_what_was_not_measured(recorded: Sheet, alone: Sheet) -> None:
     sentences = " ".join(remarks(recorded))
-    assert "no voltage" in sentences
-    assert "no electrical efficiency" in sentences
+    assert "no electrical efficiency: the current of the motor and the voltage of the supply were recorded" in sentences
+    mute = replace(recorded, evidence=replace(recorded.evidence, has_supply=False))
+    assert "the current of the motor was recorded, but no voltage." in " ".join(remarks(mute))
     assert "too little to tell what warmth does" in sentences
     assert "From the network alone" in " ".join(remarks(alone))
 
