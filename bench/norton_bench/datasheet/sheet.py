@@ -141,7 +141,18 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     )
     scale = (network.provenance["scale"],) if "scale" in network.provenance else ()
     name, origin = network.provenance.get("rig", file), _origin(network.provenance)
-    return Sheet(name, file, network, parameters, told=(*scale, *_terms(network)), origin=origin)
+    told_of_it = (*scale, *_without_interval(parameters), *_terms(network))
+    return Sheet(name, file, network, parameters, told=told_of_it, origin=origin)
+
+
+def _without_interval(parameters: Sequence[SheetValue]) -> tuple[str, ...]:
+    """A sentence on the values of which the file has no covariance, as of those that measured current adds."""
+    bare = [each for each in parameters if not isfinite(each.std)]
+    if not bare:
+        return ()
+    symbols = " and ".join(BY_NAME[each.name].symbol for each in bare)
+    reason = "this file does not hold their covariance; the sheet of the recording has their intervals"
+    return (f"No interval is given for {symbols}: {reason}.",)
 
 
 def sheet_of_result(result: Result) -> Sheet:

@@ -14,7 +14,13 @@ from norton_bench.datasheet.data import comparison_data, content_of, html, sheet
 from norton_bench.datasheet.evidence import evidence
 from norton_bench.datasheet.printed import pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
-from norton_bench.datasheet.tables import difference_table, parameter_difference_table, remarks, valid_where
+from norton_bench.datasheet.tables import (
+    difference_table,
+    parameter_difference_table,
+    parameter_table,
+    remarks,
+    valid_where,
+)
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.report.svg import Palette
 from norton_bench.report.words import between
@@ -147,6 +153,16 @@ def test_a_network_alone_has_no_measured_points(alone: Sheet) -> None:
     assert 'id="bode"' in page
     assert 'id="hysteresis"' not in page
     assert ">measured</text>" not in page
+
+
+def test_a_value_without_an_interval_says_why(alone: Sheet) -> None:
+    """The network's file has no covariance of what the measured current adds."""
+    with_current = replace(network(), torque_constant=0.05, amplifier_gain=18.0)
+    sheet = sheet_of_network(with_current, "some.network.json")
+    assert sheet.told[0].startswith("No interval is given for Km and Ka: this file does not hold their covariance")
+    assert not any("No interval" in sentence for sentence in alone.told)
+    (row,) = (row for row in parameter_table(sheet).rows if row[0] == "Km")
+    assert row[2:4] == ("0.05000", "–")
 
 
 def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
