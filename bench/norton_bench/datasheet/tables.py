@@ -62,10 +62,9 @@ def order_table(sheet: Sheet) -> Facts | None:
 def valid_where(figure: Figure, sheet: Sheet) -> str:
     """At which operating point a figure stands, and whether the network was seen to hold there."""
     unit = pretty_unit(sheet.network.command_unit)
-    words = ["measured range"] if figure.at is None else [_at(figure.at, figure, unit)]
+    words = [_measured(figure, sheet)] if figure.at is None else [_at(figure.at, figure, unit)]
     if figure.extrapolated:
         words.append(_beyond(figure))
-    words += _beyond_the_points(figure, sheet)
     if not figure.settled and figure.status is not None:
         words.append(figure.status.value)
     return "; ".join(words)
@@ -79,15 +78,14 @@ def _beyond(figure: Figure) -> str:
     return "extrapolated"
 
 
-def _beyond_the_points(figure: Figure, sheet: Sheet) -> list[str]:
+def _measured(figure: Figure, sheet: Sheet) -> str:
     """A bandwidth is the model's where no point of the torque's frequency response lies so high."""
     spectra = sheet.evidence.spectra
     if BANDWIDTH not in figure.row.needs or spectra is None or not spectra.torque.frequency_hz.size:
-        return []
+        return "measured range"
     last_hz = float(spectra.torque.frequency_hz.max())
-    if sheet.network.amplifier_bandwidth_rad_s <= 2 * pi * last_hz:
-        return []
-    return [f"points up to {number(last_hz, 2)} Hz, beyond: the model's"]
+    beyond = sheet.network.amplifier_bandwidth_rad_s > 2 * pi * last_hz
+    return f"by the model: points end at {number(last_hz, 2)} Hz" if beyond else "measured range"
 
 
 def range_sentence(sheet: Sheet) -> str:

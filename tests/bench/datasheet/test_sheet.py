@@ -12,7 +12,8 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.datasheet.data import comparison_data, content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.printed import pages, write_pdf
+from norton_bench.datasheet.pictures import BACKDRIVING, BODE, ENVELOPE, HYSTERESIS, drawings
+from norton_bench.datasheet.printed import LEAST_SHARE, _height_in, _share, pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
 from norton_bench.datasheet.tables import (
     difference_table,
@@ -22,6 +23,7 @@ from norton_bench.datasheet.tables import (
     valid_where,
 )
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.report import svg
 from norton_bench.report.svg import Palette
 from norton_bench.report.words import between
 from norton_bench.result import Result
@@ -110,6 +112,28 @@ def test_on_paper_rows_stay_whole_under_a_head(recorded: Sheet) -> None:
     level = {text.get_text() for text in drawn[1].texts if text.get_position()[1] == highest[1].get_position()[1]}
     assert highest[0].get_text() == "Data sheet · Norton Bench"
     assert level >= {"figure", "value", "unit"}
+
+
+def test_on_paper_pictures_are_less_high_so_that_one_more_has_room() -> None:
+    room_in = 0.8 * (_height_in(ENVELOPE) + _height_in(BACKDRIVING))
+    share = _share((ENVELOPE, BACKDRIVING), room_in)
+    lower = [replace(each, height_in=share * each.height_in) for each in (ENVELOPE, BACKDRIVING)]
+    assert LEAST_SHARE < share < 1.0
+    assert sum(map(_height_in, lower)) == pytest.approx(room_in)
+    assert _share((ENVELOPE,), room_in) == 1.0
+
+
+def test_side_by_side_no_legend_covers_what_is_drawn(recorded: Sheet) -> None:
+    palette = Palette.of_print()
+    with palette.style():
+        for picture in (ENVELOPE, BACKDRIVING, BODE, HYSTERESIS):
+            drawn = svg.figure(picture.height_in)
+            picture.draw(drawn, drawings([recorded, recorded], palette), palette)
+            drawn.canvas.draw()
+            legends = [legend for axes in drawn.axes if (legend := axes.get_legend()) is not None]
+            assert legends
+            highest = max(axes.bbox.y1 for axes in drawn.axes)
+            assert all(legend.get_window_extent().y0 >= highest for legend in legends), picture.name
 
 
 def test_steady_velocities_lie_on_the_network(session: Result, recorded: Sheet) -> None:
@@ -327,8 +351,8 @@ def test_a_bandwidth_above_the_measured_points_says_so(recorded: Sheet) -> None:
     figures = {each.row.name: each for each in recorded.figures()}
     last_hz = spectra.torque.frequency_hz.max()
     assert figures["torque_bandwidth"].value > last_hz
-    said = f"measured range; points up to {last_hz:.0f} Hz, beyond: the model's"
+    said = f"by the model: points end at {last_hz:.0f} Hz"
     assert all(valid_where(figures[name], recorded) == said for name in ("torque_bandwidth", "torque_rise_time"))
     assert valid_where(figures["breakaway_torque"], recorded) == "measured range"
     slow = replace(recorded, network=replace(recorded.network, amplifier_bandwidth_rad_s=6.0 * last_hz))
-    assert "points" not in valid_where(figures["torque_bandwidth"], slow)
+    assert valid_where(figures["torque_bandwidth"], slow) == "measured range"
