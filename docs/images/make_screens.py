@@ -1,7 +1,7 @@
 """The pictures of the screen in these docs, made anew: headless Chromium draws SVGs.
 
 python docs/images/make_screens.py RECORDING      # of norton-bench identify rigs/sim-odrive.toml --seed 1: replays it
-python docs/images/make_screens.py                # every screen at both sizes, as the tests keep it: images/screens
+python docs/images/make_screens.py                # every screen at every size, as the tests keep it: images/screens
 """
 
 import asyncio

@@ -82,6 +82,13 @@ class DeviceIdentity:
     hardware: str = ""
     firmware: str = ""
 
+    @property
+    def words(self) -> str:
+        """ "odrive, can0 node 1, hardware 4.4.58, firmware 0.6.10"; what it does not say is left out."""
+        hardware = f"hardware {self.hardware}" if self.hardware else ""
+        firmware = f"firmware {self.firmware}" if self.firmware else ""
+        return ", ".join(filter(None, (self.driver, self.address, hardware, firmware)))
+
 
 # Marks a CAN error frame in its identifier (Linux, include/uapi/linux/can.h: CAN_ERR_FLAG). Serial bytes have -1 there,
 # in which every bit is set: look for those first.

@@ -54,6 +54,11 @@ def comparison_data(differences: Sequence[Difference]) -> list[dict[str, Any]]:
             "at": _at(each.first),
             "unit": each.first.unit,
             "values": [each.first.value, each.second.value],
+            "intervals": [_data_told(figure.interval, known=figure.settled) for figure in (each.first, each.second)],
+            "statuses": [
+                None if figure.status is None else figure.status.value for figure in (each.first, each.second)
+            ],
+            "extrapolated": [each.first.extrapolated, each.second.extrapolated],
             "difference": each.value,
             "interval": list(each.interval),
             "significant": each.significant,
@@ -67,7 +72,7 @@ def _parameter(each: SheetValue) -> dict[str, Any]:
         "value": each.shown,
         "interval": _data_told(each.interval, known=each.settled),
         "unit": each.unit,
-        "status": None if each.status is None else each.status.value,
+        "status": _status(each),
     }
 
 
@@ -83,8 +88,12 @@ def _figure(figure: Figure, sheet: Sheet) -> dict[str, Any]:
         "at": _at(figure),
         "valid": valid_where(figure, sheet),
         "extrapolated": figure.extrapolated,
-        "status": None if figure.status is None else figure.status.value,
+        "status": _status(figure),
     }
+
+
+def _status(each: SheetValue | Figure) -> str | None:
+    return None if each.status is None else each.status.value
 
 
 def _data_told(interval: Interval, *, known: bool) -> list[float] | None:

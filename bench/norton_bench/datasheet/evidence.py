@@ -60,13 +60,15 @@ class Evidence:
     sliding: tuple[Sliding, ...] = ()
     gap: ZeroRange | None = None
     warming: Warming | None = None
-    has_current: bool = False
+    has_current: bool = False  # of the actuator's motor
+    has_supply: bool = False  # the voltage at its drive
 
 
 def evidence(fit: FitResult, measured: Measured, tests: ResidualTests | None, tick_s: float) -> Evidence:
     """Of the recording that ``fit`` is of. Without measured torque little is left."""
     warming = _span_of_temperature(measured)
-    told = Evidence(warming=warming, has_current=bool(len(measured.current)))
+    has_supply = bool(np.isfinite(measured.ticks["supply_v"]).any())
+    told = Evidence(warming=warming, has_current=bool(len(measured.current)), has_supply=has_supply)
     cleaned = clean(measured).measured
     stretches = signals(cleaned, tick_s, Use.IDENTIFY)
     if fit.ratios_only or any(each.torque_nm is None for each in stretches):

@@ -16,6 +16,7 @@ from norton_bench.datasheet.sheet import Sheet
 from norton_bench.datasheet.spectra import Transfer, contact_line, impedance_line, torque_line
 from norton_bench.models.derived import backdriving_nm, interval_of, seen_to, torque_at
 from norton_bench.models.drawn_motor import Motor, drawn, estimate_of
+from norton_bench.report.figures_network import drawn_samples
 from norton_bench.report.svg import Palette, thinned
 from norton_bench.report.words import pretty_unit
 
@@ -102,7 +103,11 @@ def draw_envelope(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palet
         axes.set_title(point.name)
         axes.set_xlabel("velocity [rad/s]")
     panels[0].set_ylabel("torque at the port [N·m]")
-    panels[0].legend(labelcolor=palette.ink)
+    lines = panels[0].get_legend_handles_labels()
+    # Above the titles: within a panel it would cover what is drawn there.
+    panels[-1].legend(
+        *lines, labelcolor=palette.ink, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=2.2
+    )
 
 
 def _characteristic(axes: Axes, each: DrawnSheet, command: float, edge_rad_s: float) -> None:
@@ -186,7 +191,7 @@ def draw_bode(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Palette) 
         static.append(abs(each.sheet.network.torque_gain) / gain)
     unit = f" [N·m/({units.pop()})]" if len(units) == 1 else ",\nover that at rest"
     panels[0, 0].set_ylabel("torque/command" + ("" if unit == " [N·m/(N·m)]" else unit))
-    panels[0, 1].set_ylabel("torque/velocity [N·m·s/rad]")
+    panels[0, 1].set_ylabel("torque/velocity\n[N·m·s/rad]")
     for axes in panels[1]:
         axes.set_ylabel("phase [°]")
     for axes in panels[2]:
@@ -268,7 +273,7 @@ def draw_hysteresis(part: Part, drawn_sheets: Sequence[DrawnSheet], palette: Pal
     axes = part.subplots()
     for each in drawn_sheets:
         for place, loop in enumerate(each.sheet.evidence.loops):
-            some = thinned(len(loop.position_rad), 400)
+            some = drawn_samples(loop)
             x_mrad = 1e3 * loop.position_rad[some]
             measured, network = (each.label(text) if not place else None for text in ("measured", "network"))
             axes.plot(x_mrad, loop.measured_nm[some], color=each.points, linewidth=0.7, alpha=0.7, label=measured)

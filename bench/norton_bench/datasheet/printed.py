@@ -1,6 +1,7 @@
 """The sheet on paper: A4 pages drawn by matplotlib alone, so that nothing else need be installed."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import accumulate, zip_longest
 from pathlib import Path
@@ -25,6 +26,7 @@ SCALE = (PAGE_IN[0] - 2 * MARGIN_IN) / WIDTH_IN  # of pictures that are drawn fo
 LINE_IN = 0.165
 GAP_IN = 0.14  # between columns
 LEAST_IN, LAST_IN = 1.2, 1.55  # of the column with the words, at least; of the last, at most
+LEAST_SHARE = 0.7  # of its height that a picture may be given up to, so that one more is on the page
 FEWEST_LINES = 5  # of a table under its heading, or both go to the next page
 BODY_PT, SMALL_PT, HEADING_PT, TITLE_PT = 8.0, 7.0, 10.5, 17.0
 
@@ -49,11 +51,18 @@ def pages(content: Content, sheets: Sequence[Sheet], palette: Palette) -> Iterat
     yield from full
     room_in, waiting = paper.left_in - LINE_IN, list[Picture]()
     for picture in content.pictures:
-        if sum(map(_height_in, (*waiting, picture))) > room_in:
+        if _share((*waiting, picture), room_in) < LEAST_SHARE:
             yield _with_pictures(page, room_in, waiting, sheets, palette)
             page, room_in, waiting = _blank(), ROOM_IN, []
         waiting.append(picture)
     yield _with_pictures(page, room_in, waiting, sheets, palette)
+
+
+def _share(chosen: Sequence[Picture], room_in: float) -> float:
+    """Of their height that the pictures have on a page, all of it if there is room."""
+    drawn_in = SCALE * sum(picture.height_in for picture in chosen)
+    words_in = sum(map(_height_in, chosen)) - drawn_in
+    return min(1.0, (room_in - words_in) / drawn_in)
 
 
 def _blank() -> Figure:
@@ -136,6 +145,7 @@ def _table(paper: _Writer, table: Facts) -> None:
     widths = [max(_width_in(row[k]) for row in (table.head, *table.rows)) + GAP_IN for k in range(len(table.head))]
     widths[last] = min(widths[last], LAST_IN)
     widths[1] = min(widths[1], max(room_in - sum(widths) + widths[1], LEAST_IN))
+    widths[last] -= max(sum(widths) - room_in, 0.0)
     places = [0.0, *accumulate(widths)]
     head = list(zip(places, table.head, strict=False))
     paper.line(head, SMALL_PT, muted=True)
@@ -185,6 +195,8 @@ def _with_pictures(
     """Each picture between its heading and its caption, in the lowest ``room_in`` of the page."""
     if not chosen:
         return page
+    share = _share(chosen, room_in)
+    chosen = [replace(picture, height_in=share * picture.height_in) for picture in chosen]
     left_in = MARGIN_IN + room_in
     parts = []
     for picture in chosen:

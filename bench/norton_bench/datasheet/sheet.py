@@ -2,18 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import hypot, isfinite
 
 import numpy as np
 
+from norton_bench.arrays import FloatArray
 from norton_bench.datasheet.evidence import Evidence, evidence
 from norton_bench.errors import BenchError, UsageError
+from norton_bench.identification.statistics import tail_of_each
 from norton_bench.models.derived import Figure, Interval, OperatingPoint, derived, interval_of, seen_to
 from norton_bench.models.drawn_motor import MEAN_TERMS, has_covariance
 from norton_bench.models.network import PARAMETER_OF_FIELD, NortonNetwork, told_deviations, told_statuses
 from norton_bench.models.parameters import BY_NAME, Status
 from norton_bench.models.terms import Factor, NetworkTerm, factors_of
 from norton_bench.networks.family import Network
+from norton_bench.report.words import number, pretty_unit
 from norton_bench.result import Result
 from norton_bench.rig.load import parse_rig
 
@@ -84,10 +87,14 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Difference:
-    """The second figure less the first; the interval is that of independent draws."""
+    """The second figure less the first; the interval is that of independent draws.
+
+    ``tail`` is the chance on either side of the interval that must not hold zero where they differ.
+    """
 
     first: Figure
     second: Figure
+    tail: float
 
     @property
     def value(self) -> float:
@@ -95,14 +102,18 @@ class Difference:
 
     @property
     def interval(self) -> Interval:
-        with np.errstate(invalid="ignore"):
-            return interval_of(np.nan_to_num(self.second.draws - self.first.draws, nan=0.0))
+        return interval_of(self._draws)
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than the two intervals leave open."""
-        low, high = self.interval
+        """Whether it is more than chance makes of so many comparisons."""
+        low, high = interval_of(self._draws, self.tail)
         return self.first.settled and self.second.settled and not low <= 0.0 <= high
+
+    @property
+    def _draws(self) -> FloatArray:
+        with np.errstate(invalid="ignore"):
+            return np.nan_to_num(self.second.draws - self.first.draws, nan=0.0)
 
 
 def sheet_of_network(network: Network, file: str) -> Sheet:
@@ -130,7 +141,18 @@ def sheet_of_network(network: Network, file: str) -> Sheet:
     )
     scale = (network.provenance["scale"],) if "scale" in network.provenance else ()
     name, origin = network.provenance.get("rig", file), _origin(network.provenance)
-    return Sheet(name, file, network, parameters, told=(*scale, *_terms(network)), origin=origin)
+    told_of_it = (*scale, *_without_interval(parameters), *_terms(network))
+    return Sheet(name, file, network, parameters, told=told_of_it, origin=origin)
+
+
+def _without_interval(parameters: Sequence[SheetValue]) -> tuple[str, ...]:
+    """A sentence on the values of which the file has no covariance, as of those that measured current adds."""
+    bare = [each for each in parameters if not isfinite(each.std)]
+    if not bare:
+        return ()
+    symbols = " and ".join(BY_NAME[each.name].symbol for each in bare)
+    reason = "this file does not hold their covariance; the sheet of the recording has their intervals"
+    return (f"No interval is given for {symbols}: {reason}.",)
 
 
 def sheet_of_result(result: Result) -> Sheet:
@@ -152,10 +174,20 @@ def sheet_of_result(result: Result) -> Sheet:
 def _terms(network: NortonNetwork) -> tuple[str, ...]:
     """One sentence for each term: its values, and how the figures have it."""
     return tuple(
-        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]} ({term.text(network.command_unit)}); "
+        f"{term.term.meaning[0].upper()}{term.term.meaning[1:]}{_values_of(term, network.command_unit)}; "
         + ("the figures hold this." if term.name in MEAN_TERMS else f"the figures are {_figures_of(term)}.")
         for term in network.terms
     )
+
+
+def _values_of(term: NetworkTerm, command_unit: str) -> str:
+    """Of a wave its amplitude: its two parameters depend on where the encoder's zero is."""
+    if not term.term.periodic:
+        return f" ({term.text(command_unit, unit=pretty_unit)})"
+    amplitude = hypot(*term.values)
+    is_torque = term.term.parameters[0].unit == "N*m"
+    size = f"cogging of {number(1e3 * amplitude, 3)} mN·m" if is_torque else f"by {number(100 * amplitude, 3)} %"
+    return f": {size}, {term.periods_per_turn:.4g} periods a turn"
 
 
 def _figures_of(term: NetworkTerm) -> str:
@@ -186,11 +218,12 @@ def compared(first: Sheet, second: Sheet) -> tuple[Difference, ...]:
     alike = first.network.command_unit == second.network.command_unit
     points = _common(first.points, second.points) if alike else ()
     others = {figure.key: figure for figure in replace(second, seed=first.seed + 1).figures(points)}
-    return tuple(
-        Difference(figure, others[figure.key])
+    pairs = [
+        (figure, others[figure.key])
         for figure in first.figures(points)
         if figure.key in others and figure.unit == others[figure.key].unit
-    )
+    ]
+    return tuple(Difference(*pair, tail_of_each(len(pairs))) for pair in pairs)
 
 
 def _common(first: Sequence[OperatingPoint], second: Sequence[OperatingPoint]) -> tuple[OperatingPoint, ...]:

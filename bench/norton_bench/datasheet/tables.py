@@ -1,12 +1,14 @@
 """The sheet's tables and sentences, as text: the same on the page and on paper."""
 
 from collections.abc import Iterator, Sequence
-from math import isfinite
+from math import hypot, isfinite, pi
 
 from norton_bench.datasheet.ripple import Order, Wave
-from norton_bench.datasheet.sheet import Difference, Sheet, SheetValue
-from norton_bench.models.derived import Figure, OperatingPoint
-from norton_bench.models.parameters import Parameter
+from norton_bench.datasheet.sheet import LEVEL, Difference, Sheet, SheetValue
+from norton_bench.distributions import normal_quantile
+from norton_bench.identification.statistics import tail_of_each
+from norton_bench.models.derived import BANDWIDTH, Figure, OperatingPoint
+from norton_bench.models.parameters import Parameter, Status
 from norton_bench.report.words import NO_NUMBER as NONE
 from norton_bench.report.words import Facts, between, number, parameter_named, pretty_unit, within
 
@@ -30,16 +32,19 @@ def figure_table(sheet: Sheet) -> Facts:
 def parameter_difference_table(first: Sheet, second: Sheet) -> Facts:
     """Both networks' numbers; the difference is B − A, with the interval of independent values."""
     other = {each.name: each for each in second.parameters}
-    rows = tuple(_parameter_difference(each, other[each.name]) for each in first.parameters if each.name in other)
-    return Facts(_SIDE_BY_SIDE, rows)
+    pairs = [(each, other[each.name]) for each in first.parameters if each.name in other]
+    alike = sum(one.unit == two.unit for one, two in pairs)
+    beyond = -normal_quantile(tail_of_each(max(alike, 1)))
+    return Facts(_SIDE_BY_SIDE, tuple(row for pair in pairs for row in _parameter_difference(*pair, beyond)))
 
 
 def difference_table(differences: Sequence[Difference]) -> Facts:
     """Every figure of both."""
-    return Facts(_SIDE_BY_SIDE, tuple(_difference(each) for each in differences))
+    return Facts(_SIDE_BY_SIDE, tuple(row for each in differences for row in _difference(each)))
 
 
-_SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "differs")
+_SIDE_BY_SIDE = ("", "figure", "A", "B", "B − A, 95 % interval", "unit", "remark")
+_DIFFERS = "differs"
 
 
 def order_table(sheet: Sheet) -> Facts | None:
@@ -57,12 +62,30 @@ def order_table(sheet: Sheet) -> Facts | None:
 def valid_where(figure: Figure, sheet: Sheet) -> str:
     """At which operating point a figure stands, and whether the network was seen to hold there."""
     unit = pretty_unit(sheet.network.command_unit)
-    words = ["measured range"] if figure.at is None else [_at(figure.at, figure, unit)]
+    words = [_measured(figure, sheet)] if figure.at is None else [_at(figure.at, figure, unit)]
     if figure.extrapolated:
-        words.append("extrapolated")
+        words.append(_beyond(figure))
     if not figure.settled and figure.status is not None:
         words.append(figure.status.value)
     return "; ".join(words)
+
+
+def _beyond(figure: Figure) -> str:
+    """The speed without a load is often more than was measured, and than the rig allows: then it says so."""
+    at = figure.at
+    if at is not None and figure.row.name == "no_load_speed" and figure.value > at.velocity_rad_s:
+        return f"extrapolated beyond {number(at.velocity_rad_s, 3)} rad/s"
+    return "extrapolated"
+
+
+def _measured(figure: Figure, sheet: Sheet) -> str:
+    """A bandwidth is the model's where no point of the torque's frequency response lies so high."""
+    spectra = sheet.evidence.spectra
+    if BANDWIDTH not in figure.row.needs or spectra is None or not spectra.torque.frequency_hz.size:
+        return "measured range"
+    last_hz = float(spectra.torque.frequency_hz.max())
+    beyond = sheet.network.amplifier_bandwidth_rad_s > 2 * pi * last_hz
+    return f"by the model: points end at {number(last_hz, 2)} Hz" if beyond else "measured range"
 
 
 def range_sentence(sheet: Sheet) -> str:
@@ -88,6 +111,19 @@ def range_sentence(sheet: Sheet) -> str:
     )
 
 
+# By whether the motor's current and the supply's voltage were recorded: power needs both of one place.
+_ELECTRICAL = {
+    (
+        True,
+        True,
+    ): "the current of the motor and the voltage of the supply were recorded, but neither the current from the "
+    "supply nor the voltage at the motor",
+    (True, False): "the current of the motor was recorded, but no voltage",
+    (False, True): "the voltage of the supply was recorded, but no current",
+    (False, False): "no current and no voltage were recorded",
+}
+
+
 def remarks(sheet: Sheet) -> Iterator[str]:
     """What was measured and shows nothing, and what was not measured: said, so that nobody looks for it."""
     evidence = sheet.evidence
@@ -101,9 +137,8 @@ def remarks(sheet: Sheet) -> Iterator[str]:
     if evidence.order_nm.size and not any(order.is_torque for order in evidence.orders):
         yield "No cogging and no ripple stands out from the noise."
     yield from map(_angle_sentence, (order for order in evidence.orders if order.angle_error_rad.shows))
-    known = "the drive's current was recorded, but no voltage" if evidence.has_current else "no current and no voltage"
-    recorded = "" if evidence.has_current else " were recorded"
-    yield f"There is no electrical efficiency: {known}{recorded}. Mechanical efficiency holds friction's losses alone."
+    missing = _ELECTRICAL[evidence.has_current, evidence.has_supply]
+    yield f"There is no electrical efficiency: {missing}. Mechanical efficiency holds friction's losses alone."
     yield _warming_sentence(sheet)
 
 
@@ -157,42 +192,61 @@ def _described(name: str) -> Parameter:
     return parameter_named(name) or Parameter(name, name, "", name)
 
 
-def _parameter_difference(first: SheetValue, second: SheetValue) -> tuple[str, ...]:
+def _parameter_difference(first: SheetValue, second: SheetValue, beyond: float) -> Iterator[tuple[str, ...]]:
+    """``beyond`` is how many standard deviations the two must be apart to differ."""
     row, apart = _described(first.name), second.value - first.value
-    half = 1.96 * float((first.std**2 + second.std**2) ** 0.5)
-    if first.unit != second.unit:
-        values = (between(first.shown, first.interval)[0], between(second.shown, second.interval)[0])
-        units = ", ".join(pretty_unit(each.unit) or "1" for each in (first, second))
-        return (row.symbol, row.meaning, *values, NONE, units, "")
-    differs = abs(apart) > half and first.settled and second.settled
-    known = first.settled and second.settled
-    span = between(apart, (apart - half, apart + half))[1] if known else NONE
-    return (
+    std = hypot(first.std, second.std)
+    known, alike = first.settled and second.settled, first.unit == second.unit
+    units = pretty_unit(first.unit) if alike else ", ".join(pretty_unit(x.unit) or "1" for x in (first, second))
+    span = between(apart, (apart - LEVEL * std, apart + LEVEL * std))[1] if known and alike else NONE
+    yield (
         row.symbol,
         row.meaning,
-        between(first.shown, first.interval)[0],
-        between(second.shown, second.interval)[0],
+        *(between(each.shown, each.interval)[0] for each in (first, second)),
         span,
-        pretty_unit(first.unit),
-        "yes" if differs else "",
+        units,
+        _DIFFERS if known and alike and abs(apart) > beyond * std else "",
     )
+    yield _below(first, second, _said_of_both([_status_words(each) for each in (first, second)]))
 
 
-def _difference(each: Difference) -> tuple[str, ...]:
+def _difference(each: Difference) -> Iterator[tuple[str, ...]]:
     first, second = each.first, each.second
     known = first.settled and second.settled
     words = first.words
     if first.at is not None:
         words += f" ({first.at.name}, {number(first.at.command, 3)})"
-    return (
+    yield (
         first.row.symbol,
         words,
-        between(first.shown, first.interval)[0],
-        between(second.shown, second.interval)[0],
+        *(between(figure.shown, figure.interval)[0] for figure in (first, second)),
         between(each.value, each.interval)[1] if known else NONE,
         pretty_unit(first.unit),
-        "yes" if each.significant else "",
+        _DIFFERS if each.significant else "",
     )
+    marks = [
+        "; ".join(filter(None, (_beyond(figure) if figure.extrapolated else "", _status_words(figure))))
+        for figure in (first, second)
+    ]
+    yield _below(first, second, _said_of_both(marks))
+
+
+def _below(first: SheetValue | Figure, second: SheetValue | Figure, remark: str) -> tuple[str, ...]:
+    """The row with the interval of each."""
+    spans = (between(each.shown, each.interval)[1] if each.settled else NONE for each in (first, second))
+    return ("", "95 % interval", *spans, "", "", remark)
+
+
+def _status_words(each: SheetValue | Figure) -> str:
+    """Nothing for what is valid."""
+    return "" if each.status in (None, Status.VALID) else str(each.status.value)
+
+
+def _said_of_both(words: Sequence[str]) -> str:
+    """Once where it is the same of both, else with the letter of the sheet."""
+    if words[0] == words[1]:
+        return words[0]
+    return "; ".join(f"{letter}: {said}" for letter, said in zip("AB", words, strict=True) if said)
 
 
 def _wave(wave: Wave, factor: float) -> tuple[str, str]:

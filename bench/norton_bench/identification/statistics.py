@@ -279,3 +279,8 @@ def between_limit(values: FloatArray, variances: FloatArray, confidence: float =
     # With equal weights Q is at most n·reach²/4τ²: beyond this τ it is below what is allowed.
     highest = reach * np.sqrt(len(values) / allowed)
     return float(brentq(lambda spread: float(cochran(values, variances + spread**2)) - allowed, 1e-9 * reach, highest))
+
+
+def tail_of_each(comparisons: int) -> float:
+    """The chance on either side of each of so many intervals if all are to hold in 95 % of cases (Bonferroni)."""
+    return 0.025 / comparisons

@@ -196,13 +196,7 @@ def introductions(rig: Rig, devices: tuple[DeviceIdentity, ...]) -> Iterator[str
     fitted = (wiring.actuator, wiring.load, wiring.modulator, wiring.torque_sensor, *wiring.sensors)
     present = [each for each in fitted if each]
     for settings, identity in zip(present, devices, strict=True):
-        yield f"{DEVICE}{settings.role}: {_identity(identity)}; {_options(settings)}"
-
-
-def _identity(identity: DeviceIdentity) -> str:
-    hardware = f", hardware {identity.hardware}" if identity.hardware else ""
-    firmware = f", firmware {identity.firmware}" if identity.firmware else ""
-    return f"{identity.driver}, {identity.address}{hardware}{firmware}"
+        yield f"{DEVICE}{settings.role}: {identity.words}; {_options(settings)}"
 
 
 def _options(settings: DeviceSettings) -> str:

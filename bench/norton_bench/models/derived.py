@@ -24,7 +24,7 @@ from norton_bench.models.sliding import BISECTIONS
 
 Interval = tuple[float, float]
 
-TAILS = (0.025, 0.975)
+TAIL = 0.025
 # A slow cycle of torque for the lost motion: to half of what would make the contact slide.
 CYCLED_SHARE = 0.5
 # Velocities among which the one of greatest power is looked for, as shares of the greatest: to a hundredth of it.
@@ -301,9 +301,9 @@ def derived(
     )
 
 
-def interval_of(draws: FloatArray) -> Interval:
-    """Of 95 %; an end is infinite where the draws do not tell it."""
-    low, high = np.quantile(draws, TAILS[0], method="lower"), np.quantile(draws, TAILS[1], method="higher")
+def interval_of(draws: FloatArray, tail: float = TAIL) -> Interval:
+    """Of 95 %, or with ``tail`` on either side; an end is infinite where the draws do not tell it."""
+    low, high = np.quantile(draws, tail, method="lower"), np.quantile(draws, 1.0 - tail, method="higher")
     return float(low), float(high)
 
 

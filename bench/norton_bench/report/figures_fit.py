@@ -18,8 +18,8 @@ from norton_bench.models.sliding import port_torque_nm
 from norton_bench.models.terms import TERM_PARAMETERS
 from norton_bench.recording.contents import RecordedEstimates
 from norton_bench.records import Table
-from norton_bench.report.figures_network import ImpedanceLoop, legend
-from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, envelope, figure, thinned
+from norton_bench.report.figures_network import ImpedanceLoop, drawn_samples, legend
+from norton_bench.report.svg import ACCENT, INK, MEASURED, MUTED, PREDICTED, envelope, figure
 from norton_bench.report.words import in_prefixed_unit, number, power, pretty_unit, scale_of, symbol
 
 ZOOM_SAMPLES = 600
@@ -326,7 +326,7 @@ def _loops(axes: Axes, loops: list[tuple[ImpedanceLoop, ImpedanceLoop]]) -> None
             (network, network.predicted_nm, PREDICTED, 1.1, 1.0, "-", "model"),
             (operator, operator.predicted_nm, INK, 1.0, 1.0, (0, (3, 2)), "operator"),
         ):
-            chosen = thinned(len(torque), 400)
+            chosen = drawn_samples(loop)
             axes.plot(
                 1e3 * loop.position_rad[chosen],
                 torque[chosen],

@@ -19,6 +19,8 @@ from norton_bench.report.words import pretty_unit
 _LOOP = "loop"  # names of the imposed procedure's segments
 _GRID = "grid"
 _WIDEST_LOOP = 12.0  # in units of the friction contact's deflection: beyond this the loop is mostly sliding
+_DRAWN = 400  # samples of a loop
+_GAP_STEPS = 3.0  # usual distances of two samples: more is a gap
 _STEADY_SHARE = 1e-6  # greatest change of the reference velocity in a tick, as a share of its greatest value
 
 
@@ -37,8 +39,11 @@ class ImpedanceLoop:
 
 
 def presliding_loops(measured: Measured, trace: Trace, deflection_rad: float) -> list[ImpedanceLoop]:
-    """The small loops, widest first, as far as they were fitted; ``deflection_rad`` is the contact's, τc/σ0."""
-    loops = [_loop(measured, trace, segment) for segment in _segments(measured, _LOOP)]
+    """The small loops, widest first, as far as they were fitted; ``deflection_rad`` is the contact's, τc/σ0.
+
+    Where samples are missing, one without torques stands between the others, so that no line joins them.
+    """
+    loops = [_loop(measured, trace, segment, parted=True) for segment in _segments(measured, _LOOP)]
     small = [loop for loop in loops if len(loop.position_rad) and _width(loop) <= _WIDEST_LOOP * deflection_rad]
     return sorted(small, key=_width, reverse=True)
 
@@ -72,7 +77,12 @@ def _width(loop: ImpedanceLoop) -> float:
     return float(np.ptp(loop.position_rad))
 
 
-def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> ImpedanceLoop:
+def drawn_samples(loop: ImpedanceLoop) -> npt.NDArray[np.intp]:
+    """Few enough for a picture, and every one that parts a line."""
+    return np.union1d(thinned(len(loop.position_rad), _DRAWN), np.flatnonzero(np.isnan(loop.measured_nm)))
+
+
+def _loop(measured: Measured, trace: Trace, segment: SegmentInfo, *, parted: bool = False) -> ImpedanceLoop:
     start_s, end_s = bench_time_s(measured, [segment.start_ns, segment.end_ns])
     known = np.isfinite(trace.measured) & np.isfinite(trace.predicted)
     chosen = np.flatnonzero(known & (trace.time_s >= start_s) & (trace.time_s < end_s))
@@ -81,12 +91,23 @@ def _loop(measured: Measured, trace: Trace, segment: SegmentInfo) -> ImpedanceLo
         return ImpedanceLoop(*(np.empty(0),) * 4)
     motion_s = bench_time_s(measured, measured.motion["arrival_ns"])
     position = np.interp(time_s, motion_s, measured.motion["position_rad"])
+    gaps = _gaps(time_s) if parted else np.empty(0, np.intp)
     return ImpedanceLoop(
-        position_rad=position - (position.max() + position.min()) / 2,
-        velocity_rad_s=np.interp(time_s, motion_s, measured.motion["velocity_rad_s"]),
-        measured_nm=trace.measured[chosen],
-        predicted_nm=trace.predicted[chosen],
+        position_rad=_with(position - (position.max() + position.min()) / 2, gaps),
+        velocity_rad_s=_with(np.interp(time_s, motion_s, measured.motion["velocity_rad_s"]), gaps),
+        measured_nm=np.insert(trace.measured[chosen], gaps, np.nan),
+        predicted_nm=np.insert(trace.predicted[chosen], gaps, np.nan),
     )
+
+
+def _gaps(time_s: FloatArray) -> npt.NDArray[np.intp]:
+    """Before which samples others are missing."""
+    steps_s = np.diff(time_s)
+    return np.flatnonzero(steps_s > _GAP_STEPS * np.median(steps_s)) + 1 if steps_s.size else np.empty(0, np.intp)
+
+
+def _with(values: FloatArray, gaps: npt.NDArray[np.intp]) -> FloatArray:
+    return np.insert(values, gaps, values[gaps])
 
 
 def _steady(measured: Measured, trace: Trace, segment: SegmentInfo) -> ImpedanceLoop:
@@ -228,7 +249,7 @@ def impedance_figure(presliding: list[ImpedanceLoop], sliding: ImpedanceLoop | N
 
 def _presliding(axes: Axes, loops: list[ImpedanceLoop]) -> None:
     for place, loop in enumerate(loops):
-        chosen = thinned(len(loop.position_rad), 400)
+        chosen = drawn_samples(loop)
         position_mrad = 1e3 * loop.position_rad[chosen]
         first = place == 0
         axes.plot(

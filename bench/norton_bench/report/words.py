@@ -43,10 +43,11 @@ _UNIT_WORDS = (("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m", "N·
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit with its proper signs: "kg*m^2" is written kg·m²."""
+    """A unit with its proper signs: "kg*m^2" is written kg·m². One over itself, as in "A/(A)", is none."""
     for plain, proper in _UNIT_WORDS:
         unit = unit.replace(plain, proper)
-    return "" if unit == "N·m/(N·m)" else unit
+    above, _, below = unit.partition("/")
+    return "" if below in (above, f"({above})") else unit
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -22,6 +22,7 @@ from norton_bench.screen.screens.keys import KeyList
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Confirm
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import BENCH, OWN, STOP_KEY, Settings, user_themes
+from norton_bench.screen.styles import PHONE
 
 NO_RIGS = "There is no rig file in ./rigs or here.\n\nnorton-bench rig new my-rig.toml writes one from your answers."
 # The time that Textual takes to close its palette, which would else be in the picture.
@@ -41,6 +42,7 @@ class BenchApp(App[None]):
     CSS_PATH = "screen.tcss"
     BINDINGS = keys.APP
     ENABLE_COMMAND_PALETTE = True
+    HORIZONTAL_BREAKPOINTS = PHONE
 
     def __init__(self, opening: Opening, first: Experiment | None = None, settings: Settings | None = None) -> None:
         settings = settings or Settings()

@@ -11,6 +11,11 @@ BADGES = ("badge-calm", "badge-good", "badge-warning", "badge-bad")
 STYLES = (*TRACES, HEADING, UNIT, LABEL, RULE, GRID, TEXT, STRONG, GOOD, WARNING, BAD, *BADGES)
 
 
+# Narrower than this, rows are folded and panels stand one above the other; made for a phone's 45 columns.
+LEAST_COLUMNS = 70
+PHONE = [(0, "-phone"), (LEAST_COLUMNS, "-narrow")]
+
+
 def length(row: Row) -> int:
     """Length in characters; all that are used are one column wide."""
     return sum(len(text) for text, _ in row)

@@ -12,7 +12,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_quantile, t_quantile
 from norton_bench.errors import UsageError
-from norton_bench.identification.statistics import NORMAL_95, Combined, combine
+from norton_bench.identification.statistics import NORMAL_95, Combined, combine, tail_of_each
 from norton_bench.models.network import CONDITIONS, NortonNetwork, told, told_deviations, told_statuses
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.networks.findings import VERDICTS
@@ -97,7 +97,7 @@ def compare(first: Run, second: Run) -> Comparison:
     if not alike:
         names = ", ".join(one.name for one, _ in pairs)
         raise UsageError(f"{first.recording} and {second.recording}: have {names}, each in two units; compare others")
-    beyond = -normal_quantile(0.025 / len(alike))
+    beyond = -normal_quantile(tail_of_each(len(alike)))
     return Comparison(
         tuple(_difference(one, other, beyond) for one, other in alike),
         tuple((one, other) for one, other in pairs if one.unit != other.unit),

@@ -34,10 +34,7 @@ def provenance(rig: Rig, session: Session, seed: int | None, devices: Iterable[D
         "answers_commands": " ".join(sorted(rig.chain.answers_commands)),
         **({} if rig.servo is None else {"servo": json.dumps(asdict(rig.servo))}),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "devices": "; ".join(
-            " ".join(filter(None, (device.driver, device.address, device.hardware, device.firmware)))
-            for device in devices
-        ),
+        "devices": "; ".join(device.words for device in devices),
         "python": platform.python_version(),
         "system": platform.platform(),
         **{name: version(name) for name in PACKAGES},

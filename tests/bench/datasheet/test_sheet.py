@@ -10,13 +10,22 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.datasheet.data import content_of, html, sheet_data
+from norton_bench.datasheet.data import comparison_data, content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.printed import pages, write_pdf
+from norton_bench.datasheet.pictures import BACKDRIVING, BODE, ENVELOPE, HYSTERESIS, drawings
+from norton_bench.datasheet.printed import LEAST_SHARE, _height_in, _share, pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
-from norton_bench.datasheet.tables import remarks
+from norton_bench.datasheet.tables import (
+    difference_table,
+    parameter_difference_table,
+    parameter_table,
+    remarks,
+    valid_where,
+)
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.report import svg
 from norton_bench.report.svg import Palette
+from norton_bench.report.words import between
 from norton_bench.result import Result
 from tests.bench.models.test_derived import motor_with_terms, network
 from tests.bench.networks.some import PNEUMATIC
@@ -105,6 +114,28 @@ def test_on_paper_rows_stay_whole_under_a_head(recorded: Sheet) -> None:
     assert level >= {"figure", "value", "unit"}
 
 
+def test_on_paper_pictures_are_less_high_so_that_one_more_has_room() -> None:
+    room_in = 0.8 * (_height_in(ENVELOPE) + _height_in(BACKDRIVING))
+    share = _share((ENVELOPE, BACKDRIVING), room_in)
+    lower = [replace(each, height_in=share * each.height_in) for each in (ENVELOPE, BACKDRIVING)]
+    assert LEAST_SHARE < share < 1.0
+    assert sum(map(_height_in, lower)) == pytest.approx(room_in)
+    assert _share((ENVELOPE,), room_in) == 1.0
+
+
+def test_side_by_side_no_legend_covers_what_is_drawn(recorded: Sheet) -> None:
+    palette = Palette.of_print()
+    with palette.style():
+        for picture in (ENVELOPE, BACKDRIVING, BODE, HYSTERESIS):
+            drawn = svg.figure(picture.height_in)
+            picture.draw(drawn, drawings([recorded, recorded], palette), palette)
+            drawn.canvas.draw()
+            legends = [legend for axes in drawn.axes if (legend := axes.get_legend()) is not None]
+            assert legends
+            highest = max(axes.bbox.y1 for axes in drawn.axes)
+            assert all(legend.get_window_extent().y0 >= highest for legend in legends), picture.name
+
+
 def test_steady_velocities_lie_on_the_network(session: Result, recorded: Sheet) -> None:
     """What the shaft still does on its way to a velocity is left out."""
     assert recorded.evidence.sliding
@@ -126,8 +157,9 @@ def test_ratios_alone_make_a_sheet_without_torques() -> None:
 
 def test_it_says_what_was_not_measured(recorded: Sheet, alone: Sheet) -> None:
     sentences = " ".join(remarks(recorded))
-    assert "no voltage" in sentences
-    assert "no electrical efficiency" in sentences
+    assert "no electrical efficiency: the current of the motor and the voltage of the supply were recorded" in sentences
+    mute = replace(recorded, evidence=replace(recorded.evidence, has_supply=False))
+    assert "the current of the motor was recorded, but no voltage." in " ".join(remarks(mute))
     assert "too little to tell what warmth does" in sentences
     assert "From the network alone" in " ".join(remarks(alone))
 
@@ -145,6 +177,16 @@ def test_a_network_alone_has_no_measured_points(alone: Sheet) -> None:
     assert 'id="bode"' in page
     assert 'id="hysteresis"' not in page
     assert ">measured</text>" not in page
+
+
+def test_a_value_without_an_interval_says_why(alone: Sheet) -> None:
+    """The network's file has no covariance of what the measured current adds."""
+    with_current = replace(network(), torque_constant=0.05, amplifier_gain=18.0)
+    sheet = sheet_of_network(with_current, "some.network.json")
+    assert sheet.told[0].startswith("No interval is given for Km and Ka: this file does not hold their covariance")
+    assert not any("No interval" in sentence for sentence in alone.told)
+    (row,) = (row for row in parameter_table(sheet).rows if row[0] == "Km")
+    assert row[2:4] == ("0.05000", "–")
 
 
 def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
@@ -183,18 +225,58 @@ def test_what_differs_is_named_and_nothing_else(alone: Sheet) -> None:
 
 
 def test_independent_repetitions_seldom_differ() -> None:
-    """Two networks whose values scatter as their covariances say: one comparison in twenty is significant."""
+    """Two networks whose values scatter as their covariances say: anything differs in one pair of sheets of twenty."""
     rng = np.random.default_rng(4)
     significant = []
     for _ in range(60):
         sheets = []
         for _ in range(2):
-            coulomb_nm = 0.02 * (1 + 0.01 * rng.standard_normal())
-            sheets.append(sheet_of_network(replace(network(), coulomb_torque_nm=coulomb_nm), "x"))
-        (found,) = (each for each in compared(*sheets) if each.first.row.name == "breakaway_torque")
-        significant.append(found.significant)
+            gain, coulomb, stiffness = 1 + 0.01 * rng.standard_normal(3)
+            own = replace(
+                network(),
+                torque_gain=gain * network().torque_gain,
+                coulomb_torque_nm=coulomb * network().coulomb_torque_nm,
+                presliding_stiffness_nm_rad=stiffness * network().presliding_stiffness_nm_rad,
+            )
+            sheets.append(sheet_of_network(own, "x"))
+        significant.append(any(each.significant for each in compared(*sheets)))
     # Binomial: of 60 with a chance of 5 % each, 10 or more come once in a thousand times.
     assert sum(significant) < 10
+
+
+def test_side_by_side_each_has_its_interval_and_its_status(alone: Sheet) -> None:
+    """A row below the values: the interval of each, and why there is none."""
+    told = network().with_provenance({"status": "viscous_damping=inadequate"})
+    other = sheet_of_network(told, "other.json")
+    table = parameter_difference_table(alone, other)
+    place = next(place for place, row in enumerate(table.rows) if row[1] == "torque per velocity")
+    (damping,) = (each for each in alone.parameters if each.name == "viscous_damping")
+    interval = between(damping.value, damping.interval)[1]
+    assert table.rows[place + 1][1:] == ("95 % interval", interval, "–", "", "", "B: inadequate")
+    figures = difference_table(compared(alone, other))
+    place = next(place for place, row in enumerate(figures.rows) if row[0] == "Tm")
+    assert figures.rows[place][4] == "–"
+    assert figures.rows[place + 1][3:] == ("–", "", "", "B: inadequate")
+
+
+def test_side_by_side_what_lies_beyond_the_measurements_is_marked(recorded: Sheet) -> None:
+    table = difference_table(compared(recorded, recorded))
+    place = next(place for place, row in enumerate(table.rows) if row[1].startswith("stall torque (rig's limits"))
+    assert table.rows[place + 1][-1] == "extrapolated"
+    data = next(each for each in comparison_data(compared(recorded, recorded)) if each["name"] == "stall_torque")
+    assert data["extrapolated"] == [False, False]
+    assert data["statuses"] == ["valid", "valid"]
+    assert all(low < value < high for value, (low, high) in zip(data["values"], data["intervals"], strict=True))
+
+
+@pytest.mark.parametrize("deviations", [2.2, 4.0])
+def test_a_parameter_differs_as_it_does_between_runs(alone: Sheet, deviations: float) -> None:
+    """More than 1.96 deviations are nothing unusual among seven parameters."""
+    (gain,) = (each for each in alone.parameters if each.name == "torque_gain")
+    apart = gain.value + deviations * 2**0.5 * gain.std
+    other = replace(alone, parameters=(replace(gain, value=apart), *alone.parameters[1:]))
+    row = parameter_difference_table(alone, other).rows[0]
+    assert row[-1] == ("differs" if deviations > 3 else "")
 
 
 def test_other_commands_leave_what_can_be_compared(alone: Sheet) -> None:
@@ -242,5 +324,35 @@ def test_terms_stand_on_the_sheet_with_how_the_figures_have_them() -> None:
     assert {"stribeck_torque", "load_friction", "quadratic_drag"} <= {each.name for each in sheet.parameters}
     page = html([sheet])
     assert "Coulomb torque at rest less that in fast sliding" in page
-    assert "(Δτ = 0.008 N*m, v_s = 2 rad/s); the figures hold this." in page
-    assert "p = 8); the figures are the mean over a turn." in page
+    assert "(Δτ = 0.008 N·m, v_s = 2 rad/s); the figures hold this." in page
+    assert ", 8 periods a turn; the figures are the mean over a turn." in page
+    assert "p = 8" not in page
+
+
+def test_cogging_is_said_by_its_amplitude() -> None:
+    (cogging,) = (term for term in motor_with_terms().terms if term.name == "cogging")
+    wave = replace(cogging, values=(3e-4, -4e-4), periods_per_turn=42.0)
+    sheet = sheet_of_network(replace(network(), terms=(wave,)), "some.network.json")
+    said = "A torque acts that depends on the position: cogging of 0.500 mN·m, 42 periods a turn; "
+    assert any(sentence.startswith(said) for sentence in sheet.told)
+
+
+def test_a_speed_beyond_what_the_rig_allows_says_so(recorded: Sheet) -> None:
+    (speed,) = (
+        each for each in recorded.figures() if each.row.name == "no_load_speed" and each.at == recorded.points[1]
+    )
+    assert speed.value > recorded.points[1].velocity_rad_s
+    assert valid_where(speed, recorded).endswith("rig's limits; extrapolated beyond 80.0 rad/s")
+
+
+def test_a_bandwidth_above_the_measured_points_says_so(recorded: Sheet) -> None:
+    spectra = recorded.evidence.spectra
+    assert spectra is not None
+    figures = {each.row.name: each for each in recorded.figures()}
+    last_hz = spectra.torque.frequency_hz.max()
+    assert figures["torque_bandwidth"].value > last_hz
+    said = f"by the model: points end at {last_hz:.0f} Hz"
+    assert all(valid_where(figures[name], recorded) == said for name in ("torque_bandwidth", "torque_rise_time"))
+    assert valid_where(figures["breakaway_torque"], recorded) == "measured range"
+    slow = replace(recorded, network=replace(recorded.network, amplifier_bandwidth_rad_s=6.0 * last_hz))
+    assert valid_where(figures["torque_bandwidth"], slow) == "measured range"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from norton_bench.identification.results import Trace
 from norton_bench.report.figures_fit import close_up
-from norton_bench.report.figures_network import presliding_loops, sliding_samples, source_map_figure
+from norton_bench.report.figures_network import drawn_samples, presliding_loops, sliding_samples, source_map_figure
 from norton_bench.report.svg import envelope, style, thinned
 from norton_bench.result import Result
 
@@ -18,6 +18,22 @@ def test_small_loops_are_cut_out_by_their_segments(full: Result) -> None:
     assert [round(1e3 * np.ptp(loop.position_rad), 1) for loop in loops] == [10.0, 3.0, 1.0]
     assert all(abs(loop.position_rad.max() + loop.position_rad.min()) < 1e-12 for loop in loops)
     assert all(len(loop.measured_nm) == 1000 for loop in loops)
+
+
+def test_no_line_joins_what_lies_beside_a_gap(full: Result) -> None:
+    """Samples that were left out of the fit are not bridged by a straight line."""
+    trace = full.fit.trace
+    whole = presliding_loops(full.measured, trace, deflection_rad=2e-3)[0]
+    segment = next(each for each in full.measured.segments if each.name == "loop 5 mrad")
+    begin_s = (segment.start_ns - int(full.measured.ticks["tick_ns"][0])) * 1e-9
+    missing = (trace.time_s > begin_s + 0.4) & (trace.time_s < begin_s + 0.6)
+    gap = Trace(trace.time_s, np.where(missing, np.nan, trace.measured), trace.predicted, trace.unit)
+    loop = presliding_loops(full.measured, gap, deflection_rad=2e-3)[0]
+    assert not np.isnan(whole.measured_nm).any()
+    (place,) = np.flatnonzero(np.isnan(loop.measured_nm))
+    assert np.isnan(loop.predicted_nm[place])
+    assert np.isfinite(loop.position_rad).all()
+    assert place in drawn_samples(loop)
 
 
 def test_loops_that_mostly_slide_are_left_out(full: Result) -> None:

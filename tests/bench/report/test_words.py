@@ -64,7 +64,16 @@ def test_a_value_and_its_interval_share_their_digits() -> None:
 
 @pytest.mark.parametrize(
     ("unit", "pretty"),
-    [("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m/(N*m)", ""), ("N*m/(V)", "N·m/(V)"), ("rad/s", "rad/s")],
+    [
+        ("N*m*s/rad", "N·m·s/rad"),
+        ("kg*m^2", "kg·m²"),
+        ("N*m/(N*m)", ""),
+        ("A/(A)", ""),
+        ("N*m/(V)", "N·m/(V)"),
+        ("rad/s", "rad/s"),
+        ("rad/s/(A)", "rad/s/(A)"),
+        ("A", "A"),
+    ],
 )
 def test_units_with_their_proper_signs(unit: str, pretty: str) -> None:
     assert pretty_unit(unit) == pretty

@@ -25,11 +25,13 @@ from norton_bench.session.engine import run_by_hand
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
 from tests.bench.screen.conftest import RIGS, ROOT, Clock, Stand
+from tests.bench.screen.svg_grid import seen as grid
 from tests.bench.screen.test_keys import shown, until
-from tests.bench.screen.test_snapshots import SIZES, compare
+from tests.bench.screen.test_snapshots import SIZE_IDS, SIZES, compare
 
 RIG = load_rig(RIGS / "sim-odrive.toml")
 HELD_S = 1.4
+PHONE = 45
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +200,36 @@ def test_a_row_has_value_unit_age_and_extremes() -> None:
     assert any(style == "warning" and "250.0 ms" in run for run, style in old)
 
 
-@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+def test_on_a_phone_a_row_has_them_too() -> None:
+    seen = (
+        SignalValue("actuator", "velocity", "rad/s", -12.3456, 0.25, -20.0, 1e9),
+        SignalValue("actuator", "supply", "V", 24.0),
+        SignalValue("load", "torque command", "N*m", -0.12345, 1.5, -1.5, 0.5),
+    )
+    rows = signal_rows(seen, 0.2, PHONE, 20, live=True)
+    text = ["".join(run for run, _ in row) for row in rows]
+    assert [row.split() for row in text] == [
+        ["Signals", "now", "ms", "least", "most"],
+        ["actuator"],
+        ["velocity", "rad/s", "−12.346", "250", "−20.00", "1e+09"],
+        ["supply", "V", "24.00", "–", "–"],
+        ["load"],
+        ["torque", "command", "N·m", "−0.1235", "999", "−1.500", "0.5000"],
+    ]
+    assert all(len(row) == PHONE for row in text)
+
+
+async def test_on_a_phone_it_says_when_all_returns_to_zero(by_hand: Experiment, clock: Clock) -> None:
+    async with at_hand(by_hand, (PHONE, 30)) as (app, pilot):
+        await moving(app, pilot, clock)
+        rows = [row.strip() for row in grid(app.export_screenshot()).rows]
+        assert "actuator +0.03 N·m, load +0.02 N·m" in rows
+        assert "step 2 %: 0.01 N·m, 0.02 N·m" in rows
+        assert any(row.startswith("no key: all to zero in") and row.endswith(" s") for row in rows)
+        assert "torques off at 40 rad/s" in rows
+
+
+@pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
 @pytest.mark.parametrize("name", ["by-hand", "by-hand-devices", "by-hand-ready"])
 async def test_it_looks_as_it_did(by_hand: Experiment, clock: Clock, name: str, size: tuple[int, int]) -> None:
     """``compare`` fails where the picture is not the one that was kept."""

@@ -21,6 +21,7 @@ from norton_bench.screen.screens.questions import Ask, Confirm, Mark
 from norton_bench.screen.screens.results import ResultsScreen
 from norton_bench.screen.settings import Settings
 from norton_bench.session.operator import Order
+from tests.bench.screen.svg_grid import seen
 
 ROOT = Path(__file__).parents[3]
 RESULT = Ended(ExitCode.OK, report=Path("runs/report.html"))
@@ -198,6 +199,28 @@ async def test_views(replayed: Experiment, key: str) -> None:
         await pilot.pause()
         ids = {widget.id for widget in app.screen.query("Plot, Panel") if widget.region.area and widget.is_on_screen}
         assert ids - {"title", "views"} == visible[key]
+
+
+async def test_after_the_end_a_resize_draws_everything_again(replayed: Experiment) -> None:
+    """No event follows then, so nothing but the resize draws."""
+    assert replayed.replay is not None
+    replayed.replay.replay.pause()
+    async with running(replayed) as (app, pilot):
+        replayed.seek(12.0)
+        await frame(app, pilot)
+        wanted = await as_drawn(app, pilot)
+        for size in ((20, 4), (80, 24), (200, 60), (80, 24)):
+            await pilot.resize_terminal(*size)
+            await pilot.pause()
+            assert seen(app.export_screenshot()).rows == await as_drawn(app, pilot)
+        assert await as_drawn(app, pilot) == wanted
+
+
+async def as_drawn(app: BenchApp, pilot: Pilot[None]) -> tuple[str, ...]:
+    """The rows of the screen once everything was drawn anew."""
+    at_experiment(app).draw_frame(all_of_it=True)
+    await pilot.pause()
+    return seen(app.export_screenshot()).rows
 
 
 async def test_the_window_of_time(replayed: Experiment) -> None:

@@ -21,9 +21,10 @@ from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.panels.progress import clock, log_rows, step_rows, title_row, view_row
 from norton_bench.screen.panels.result import SIGNS, parameter_rows, result_rows, sparkline
 from norton_bench.screen.picture.parts import EstimateHistory
-from norton_bench.screen.picture.picture import Picture
+from norton_bench.screen.picture.picture import LogLine, Picture
 from norton_bench.screen.styles import Row, apart, fitted, heading, length
 
+PHONE = 45
 WIDTHS = (20, 34, 36, 46, 60, 70, 88, 100, 196)
 
 
@@ -174,6 +175,37 @@ def test_a_result_is_a_page(at_end: Experiment) -> None:
     assert max(len(row.rstrip()) for row in texts(result_rows(summary, 156))) > 140
     failed = texts(result_rows(Ended(ExitCode.SAFETY_STOP, "the port torque was 1.2 N*m"), 76))
     assert failed[0] == "■ the port torque was 1.2 N*m"
+
+
+def test_on_a_phone_nothing_of_the_result_is_cut() -> None:
+    """Value, status and interval of every parameter, every word of an expectation."""
+    longest = tuple(Estimate("viscous_damping", -9.8765e-4, 1e-8, "N*m*s/rad", status) for status in Status)
+    judged = (ExpectationResult("b", False, "the amplifier bandwidth is not within 1 % of what was expected: 600.5"),)
+    summary = Ended(ExitCode.OK, estimates=longest, torque_relative=0.024, expectations=judged)
+    page = texts(result_rows(summary, PHONE - 1))  # a column is the scroll bar's
+    assert all(len(row) < PHONE for row in page)
+    for status in Status:
+        place = next(place for place, row in enumerate(page) if row.endswith(f"{SIGNS[status][0]} {status.value}"))
+        assert "−9.8765·10⁻⁴ N·m·s/rad" in page[place]
+        assert page[place + 1].strip() == "(−9.87670 … −9.87630)·10⁻⁴"
+    words = " ".join(" ".join(page).split())
+    assert judged[0].sentence in words
+    assert "2.4 % of it rms error on motion kept apart from the fit" in words
+
+
+def test_on_a_phone_a_long_event_is_folded(at_end: Experiment) -> None:
+    text = "the torque at the port was 1.2 N*m, which is more than the limit of the rig file allows"
+    at_end.picture.log.add(LogLine(12.3, "stop", text))
+    rows = texts(log_rows(at_end.picture.log, PHONE, 6))
+    assert len(rows) <= 6
+    assert all(len(row) <= PHONE for row in rows)
+    assert " ".join(" ".join(rows).split()).endswith(f"12.3 s stop {text}")
+
+
+def test_on_a_phone_the_chosen_view_alone_has_its_name(at_end: Experiment) -> None:
+    row = texts([view_row(at_end.picture, ["Overview", "Loops", "Source", "Bench"], 1, PHONE)])[0]
+    assert row.startswith(" 1  2 Loops  3  4 ")
+    assert row.split()[-1] == clock(at_end.picture.now_s)
 
 
 def test_pieces_fit_together() -> None:

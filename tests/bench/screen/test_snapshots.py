@@ -1,4 +1,4 @@
-"""Every screen at two sizes, from a real simulated experiment. NORTON_BENCH_SNAPSHOTS=write writes them anew."""
+"""Every screen at four sizes, from a real simulated experiment. NORTON_BENCH_SNAPSHOTS=write writes them anew."""
 
 import os
 from collections.abc import Callable, Coroutine
@@ -20,7 +20,8 @@ from tests.bench.screen.svg_grid import differences, seen
 
 STORED = Path(__file__).parent / "snapshots"
 WRITE = os.environ.get("NORTON_BENCH_SNAPSHOTS") == "write"
-SIZES = [(80, 24), (200, 60)]
+SIZES = [(45, 30), (80, 24), (160, 45), (200, 60)]
+SIZE_IDS = [f"{columns}x{rows}" for columns, rows in SIZES]
 SETTLED_S, LOOKS = 5.0, 50
 Show = Callable[[BenchApp, Pilot[None], Experiment], Coroutine[None, None, None]]
 
@@ -106,7 +107,7 @@ async def compare(name: str, app: BenchApp, pilot: Pilot[None]) -> None:
     assert found == []
 
 
-@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+@pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
 @pytest.mark.parametrize("name", SCREENS)
 async def test_it_looks_as_it_did(replayed: Experiment, name: str, size: tuple[int, int]) -> None:
     assert replayed.replay is not None
@@ -118,7 +119,7 @@ async def test_it_looks_as_it_did(replayed: Experiment, name: str, size: tuple[i
         await compare(name, app, pilot)
 
 
-@pytest.mark.parametrize("size", SIZES, ids=["80x24", "200x60"])
+@pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
 async def test_results_look_as_they_did(performed: Performed, replayed: Experiment, size: tuple[int, int]) -> None:
     summary = in_fixed_places(performed.summary)
     done = Experiment(replayed.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))

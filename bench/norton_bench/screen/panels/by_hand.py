@@ -1,14 +1,16 @@
 """The bench moved by hand: setpoints, bounds, keys, and devices."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from textwrap import wrap
 
 from norton_bench.jog.hands import DEVICE, Bounds
 from norton_bench.jog.script import NAME
+from norton_bench.records import SegmentInfo
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.panels.health import health_rows
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.styles import LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.styles import LABEL, LEAST_COLUMNS, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
 from norton_bench.segments import LoadMode
 
 READY = "Nothing moves yet: s enables the drives at zero."
@@ -47,29 +49,57 @@ def ready_rows(picture: Picture, bounds: Bounds, dead_man_s: float, width: int, 
         "shaft": f"torques off at {bounds.speed_rad_s:.4g} rad/s; the guard stops at {limits.velocity_rad_s:.4g} rad/s",
         "no key": f"for {dead_man_s:.4g} s: everything returns to zero",
     }
-    rows = [heading("Limits", "", "", width), *(_fact(name, text) for name, text in facts.items() if text)]
-    rows += [[], heading("Keys", "", "", width), *(_fact(*each) for each in KEYS if has_load or "load" not in each[1])]
+    keys = [each for each in KEYS if has_load or "load" not in each[1]]
+    rows = [heading("Limits", "", "", width), *_facts(facts.items(), width)]
+    rows += [[], heading("Keys", "", "", width), *_facts(keys, width)]
     return [fitted(row, width) for row in rows][:height]
 
 
-def _fact(name: str, text: str) -> Row:
-    return [(f"{name:<{NAME_WIDTH}}", STRONG), (text, LABEL)]
+def _facts(facts: Iterable[tuple[str, str]], width: int) -> list[Row]:
+    """Each with its name at the left; on as many rows as its words need."""
+    return [
+        [(f"{'' if number else name:<{NAME_WIDTH}}", STRONG), (line, LABEL)]
+        for name, text in facts
+        for number, line in enumerate(wrap(text, max(width - NAME_WIDTH, 1)))
+    ]
 
 
 def asked_rows(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:
-    """Two rows: the setpoints and the size of a step; and what happens next without a key."""
+    """Two rows: the setpoints and the size of a step; and what happens next without a key. On a phone they are four."""
+    if width < LEAST_COLUMNS:
+        return _asked_below(picture, bounds, asking, width, live=live)
     segment, step = picture.segment, f"step {asking.share * 100:g} %: {_sizes(picture, bounds, asking.share)}"
     if not live:
         return [apart([(f" {OVER if picture.summary else READY}", TEXT)], [(f"{step} ", LABEL)], width)]
     if segment is None:
         return [apart([(OPENING, TEXT)], [(f"{step} ", LABEL)], width)]
-    doing = segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
+    doing = _doing(segment)
     rows = [apart([(" setpoints  ", UNIT), (doing, STRONG)], [(f"{step} ", LABEL)], width)]
     end = f" torques off at {bounds.speed_rad_s:.4g} rad/s"
     if asking.left_s is None:
         return [*rows, [(end + (LOAD_KEYS if picture.rig.wiring.load is not None else ""), LABEL)]]
     style = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
     return [*rows, [(f"{end}; without a key all returns to zero in ", LABEL), (f"{asking.left_s:.0f} s", style)]]
+
+
+def _asked_below(picture: Picture, bounds: Bounds, asking: Asking, width: int, *, live: bool) -> list[Row]:
+    """The same, one below the other."""
+    step: Row = [(f"step {asking.share * 100:g} %: {_sizes(picture, bounds, asking.share)}", LABEL)]
+    if not live or picture.segment is None:
+        words = (OPENING if live else OVER if picture.summary else READY).strip()
+        return [*([(line, TEXT)] for line in wrap(words, width)), step]
+    rows: list[Row] = [[(line, STRONG)] for line in wrap(_doing(picture.segment), width)]
+    end = f"torques off at {bounds.speed_rad_s:.4g} rad/s"
+    if asking.left_s is None:
+        return [*rows, step, [(end, LABEL)]]
+    style = WARNING if asking.left_s < BEFORE_ZERO_S else LABEL
+    left: Row = [("no key: all to zero in ", LABEL), (f"{asking.left_s:.0f} s", style)]
+    # The countdown stands before the limit, which never changes: the last row is the one that may have no room.
+    return [*rows, step, left, [(end, LABEL)]]
+
+
+def _doing(segment: SegmentInfo) -> str:
+    return segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
 
 
 def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:

@@ -2,18 +2,33 @@
 
 from itertools import groupby
 from math import isfinite
+from textwrap import wrap
 
 from norton_bench.jog.signals import SignalValue
 from norton_bench.loop.timing import Spread, loop_timing
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.picture.parts import BenchHealth, DeviceState
 from norton_bench.screen.picture.picture import Picture
-from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.styles import (
+    BAD,
+    GOOD,
+    HEADING,
+    LABEL,
+    STRONG,
+    TEXT,
+    UNIT,
+    WARNING,
+    Row,
+    apart,
+    fitted,
+    heading,
+)
 
 SIGNS = {"ok": ("●", GOOD), "silent": ("✗", BAD), "trouble": ("▲", WARNING), "unheard": ("○", LABEL)}
 LOOKED_BACK_S = 5.0
 WITH_PLACE, WITH_LOST = 56, 74
-STAGE = 22  # columns before the numbers of the loop
+STAGE = 22  # columns before the numbers of the loop, where there is room
+STAGE_NUMBERS = 25
 NAME, KIND, RATE, AGE, TEMPERATURE, LOST = 14, 14, 9, 9, 7, 10
 
 
@@ -23,8 +38,13 @@ def health_rows(picture: Picture, width: int, height: int) -> list[Row]:
     rows = [heading("Bench", "", in_short(health), width)]
     pulses = [*health.devices(), *health.buses()]
     rows += [_pulse(pulse, width) for pulse in pulses] + _loop(picture, width)
-    troubles: list[Row] = [[("▲ ", WARNING), (f"{each.name}: {each.said}", LABEL)] for each in pulses if each.said]
+    troubles = [row for each in pulses if each.said for row in _trouble(f"{each.name}: {each.said}", width)]
     return [fitted(row, width) for row in (*rows, *troubles)][:height]
+
+
+def _trouble(said: str, width: int) -> list[Row]:
+    first, *others = wrap(said, max(width - 2, 1))
+    return [[("▲ ", WARNING), (first, LABEL)], *([("  ", LABEL), (other, LABEL)] for other in others)]
 
 
 def in_short(health: BenchHealth) -> str:
@@ -62,17 +82,24 @@ def _loop(picture: Picture, width: int) -> list[Row]:
     left: Row = [(f"{sign} ", style), ("loop".ljust(NAME), TEXT), (rate, LABEL)]
     if timing.in_lock_step:
         return [apart(left, [("lock step, never late", LABEL)], width)]
+    stage = min(STAGE, width - STAGE_NUMBERS)
     skipped = f"{timing.skipped} of {timing.ticks + timing.skipped} skipped" if timing.skipped else "no tick skipped"
     return [
         apart(left, [(skipped, WARNING if timing.skipped else LABEL)], width),
-        [("".ljust(STAGE), LABEL), ("   p50     p99    most  µs", UNIT)],
-        *(_spread(name, spread) for name, spread in (("late", timing.lateness), ("work", timing.work), *timing.stages)),
+        [("".ljust(stage), LABEL), ("   p50     p99    most  µs", UNIT)],
+        *(
+            _spread(name, spread, stage)
+            for name, spread in (("late", timing.lateness), ("work", timing.work), *timing.stages)
+        ),
     ]
 
 
-def _spread(name: str, spread: Spread) -> Row:
+def _spread(name: str, spread: Spread, stage: int) -> Row:
     levels = (spread.median_ns, spread.p99_ns, spread.most_ns)
-    return [(f"    {name:<{STAGE - 4}}", LABEL), (" ".join(f"{level * 1e-3:>7.0f}" for level in levels)[1:], TEXT)]
+    return [
+        (f"    {name:<{max(stage - 4, 0)}}", LABEL),
+        (" ".join(f"{level * 1e-3:>7.0f}" for level in levels)[1:], TEXT),
+    ]
 
 
 DEVICE, SIGNAL, NUMBER, UNIT_WIDTH, SIGNAL_AGE = 10, 15, 11, 7, 10
@@ -80,6 +107,10 @@ DEVICE, SIGNAL, NUMBER, UNIT_WIDTH, SIGNAL_AGE = 10, 15, 11, 7, 10
 DECIMALS = {"°C": 1, "V": 2, "A": 3, "rad/s": 3, "W": 3}
 USUAL_DECIMALS = 4
 BEFORE = "last values"
+SIGNALS_WIDTH = DEVICE + SIGNAL + 3 * NUMBER + UNIT_WIDTH + 1 + SIGNAL_AGE
+# The same in a phone's columns; the age is in milliseconds.
+NARROW_SIGNAL, NARROW_NOW, NARROW_AGE, NARROW_END = 18, 8, 4, 7
+OLDEST_MS = 999
 
 
 def signal_rows(
@@ -88,8 +119,10 @@ def signal_rows(
     """Every signal of the bench: now, how old, least and greatest since the start.
 
     A row for each signal; with an empty row between devices where there is room. An age above ``stale_after_s`` is
-    marked.
+    marked. Where the row has no room, the device stands above its signals, and numbers have fewer digits.
     """
+    if width < SIGNALS_WIDTH:
+        return _narrow_signals(seen, stale_after_s, width, live=live)[:height]
     rows = [heading("Signals", "", "" if live else BEFORE, width), _names()]
     devices = [list(group) for _, group in groupby(seen, key=lambda each: each.device)]
     apart = height >= len(rows) + len(seen) + len(devices) - 1
@@ -121,6 +154,40 @@ def _number(value: float, unit: str) -> str:
     """A constant number of decimals where the value allows, so that the digits do not move."""
     if not isfinite(value):
         return "–".rjust(NUMBER)
-    decimals = DECIMALS.get(unit, USUAL_DECIMALS)
-    text = f"{round(value, decimals) + 0.0:.{decimals}f}"  # no negative zero
+    text = _fixed(value, DECIMALS.get(unit, USUAL_DECIMALS))
     return (text if len(text) < NUMBER else f"{value:.3e}").replace("-", "−").rjust(NUMBER)
+
+
+def _fixed(value: float, decimals: int) -> str:
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"  # no negative zero
+
+
+def _narrow_signals(seen: tuple[SignalValue, ...], stale_after_s: float, width: int, *, live: bool) -> list[Row]:
+    names = f"{'now':>{NARROW_NOW}}{'ms':>{NARROW_AGE}}{'least':>{NARROW_END}}{'most':>{NARROW_END}}"
+    rows: list[Row] = [apart([("Signals" if live else BEFORE, HEADING)], [(names, UNIT)], width)]
+    for device, signals in groupby(seen, key=lambda each: each.device):
+        rows += [[(device, STRONG)], *(_narrow_row(each, stale_after_s, width) for each in signals)]
+    return [fitted(row, width) for row in rows]
+
+
+def _narrow_row(seen: SignalValue, stale_after_s: float, width: int) -> Row:
+    age = f"{min(seen.age_s * 1e3, OLDEST_MS):.0f}" if isfinite(seen.age_s) else ""
+    named: Row = [(seen.name, LABEL), (f" {pretty_unit(seen.unit)}", UNIT)]
+    return apart(
+        fitted(named, NARROW_SIGNAL),
+        [
+            (_short(seen.value, seen.unit, NARROW_NOW), TEXT),
+            (f"{age:>{NARROW_AGE}}", WARNING if seen.age_s > stale_after_s else LABEL),
+            (_short(seen.least, seen.unit, NARROW_END) + _short(seen.greatest, seen.unit, NARROW_END), LABEL),
+        ],
+        width,
+    )
+
+
+def _short(value: float, unit: str, columns: int) -> str:
+    """As many of the usual decimals as there is room for."""
+    if not isfinite(value):
+        return "–".rjust(columns)
+    texts = (_fixed(value, decimals) for decimals in range(DECIMALS.get(unit, USUAL_DECIMALS), -1, -1))
+    chosen = next((text for text in texts if len(text) < columns), f"{value:.0e}")
+    return chosen.replace("-", "−").rjust(columns)

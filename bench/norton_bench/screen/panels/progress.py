@@ -1,11 +1,28 @@
 """The progress of the session: title, steps, event log, and the readings of tables."""
 
+from textwrap import wrap
+
 from norton_bench.events import SessionState
 from norton_bench.report.words import number, pretty_unit
 from norton_bench.screen.figures import FALLING, RISING
 from norton_bench.screen.picture.parts import Reading, StepList, StepState, Tabulated
-from norton_bench.screen.picture.picture import EventLog, Picture
-from norton_bench.screen.styles import BAD, GOOD, GRID, LABEL, STRONG, TEXT, UNIT, WARNING, Row, apart, fitted, heading
+from norton_bench.screen.picture.picture import EventLog, LogLine, Picture
+from norton_bench.screen.styles import (
+    BAD,
+    GOOD,
+    GRID,
+    LABEL,
+    LEAST_COLUMNS,
+    STRONG,
+    TEXT,
+    UNIT,
+    WARNING,
+    Row,
+    apart,
+    fitted,
+    heading,
+    length,
+)
 
 SIGNS = {
     "ahead": ("·", LABEL),
@@ -84,14 +101,21 @@ def title_row(picture: Picture, what: str, message: str, width: int, badge: Badg
 
 def view_row(picture: Picture, views: list[str], chosen: int, width: int) -> Row:
     """The numbered views, and the running step with its time."""
-    left: Row = [(" ", TEXT)]
     if picture.concluding:
         doing, time = picture.fitting, f"  {picture.fit_took_s} s"
     else:
         doing, time = _running(picture, width)
-    for place, name in enumerate(views):
-        left += [(f" {place + 1} {name} ", "badge-calm" if place == chosen else LABEL), (" ", TEXT)]
+    left = _view_names(views, chosen, short=width < LEAST_COLUMNS)
     return apart(left, [(doing, TEXT), (f"{time} ", UNIT)], width)
+
+
+def _view_names(views: list[str], chosen: int, *, short: bool) -> Row:
+    """Each with its number; where ``short``, the name of the chosen one alone."""
+    row: Row = [] if short else [(" ", TEXT)]
+    for place, name in enumerate(views):
+        said = f" {place + 1} " if short and place != chosen else f" {place + 1} {name} "
+        row += [(said, "badge-calm" if place == chosen else LABEL), ("" if short else " ", TEXT)]
+    return row
 
 
 def _running(picture: Picture, width: int) -> tuple[str, str]:
@@ -112,25 +136,25 @@ KIND_STYLES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING,
 def log_rows(log: EventLog, width: int, height: int, *, back: int = 0) -> list[Row]:
     """The event log.
 
-    The last lines, or those ``back`` lines earlier; a line that is too long is cut.
+    The last lines, or those ``back`` lines earlier.
     """
     lines = list(log.lines)[: len(log.lines) - back] if back else list(log.lines)
     position = f"{back} newer below" if back else ""
     rows = [heading("Events", "", position, width)]
-    for line in lines[-max(height - 1, 0) :]:
-        time = "" if line.time_s is None else f"{line.time_s:.1f} s".replace("-", "−")
-        kind = "" if line.kind == "note" else line.kind
-        rows.append(
-            fitted(
-                [
-                    (time.rjust(TIME), LABEL),
-                    (f" {kind:<{EVENT_KIND}}", UNIT),
-                    (line.text, KIND_STYLES.get(line.kind, LABEL)),
-                ],
-                width,
-            )
-        )
-    return rows
+    room = max(height - 1, 0)
+    return [*rows, *[row for line in lines[-room:] for row in _log_line(line, width)][-room:]]
+
+
+def _log_line(line: LogLine, width: int) -> list[Row]:
+    """Cut at the end of the row; on a phone folded."""
+    time = "" if line.time_s is None else f"{line.time_s:.1f} s".replace("-", "−")
+    kind = "" if line.kind == "note" else line.kind
+    begin: Row = [(time.rjust(TIME), LABEL), (f" {kind:<{EVENT_KIND}}", UNIT)]
+    style = KIND_STYLES.get(line.kind, LABEL)
+    if width >= LEAST_COLUMNS:
+        return [fitted([*begin, (line.text, style)], width)]
+    first, *others = wrap(line.text, width, initial_indent=" " * length(begin), subsequent_indent="  ") or [""]
+    return [[*begin, (first[length(begin) :], style)], *([(other, style)] for other in others)]
 
 
 KIND, COLUMN, LEAST_COLUMN = 10, 12, 8

@@ -11,7 +11,20 @@ from norton_bench.events import Ended
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.report.words import Facts, interval, number, percent, pretty_unit, symbol
 from norton_bench.screen.picture.parts import EstimateHistory, half_width
-from norton_bench.screen.styles import BAD, GOOD, LABEL, STRONG, TEXT, UNIT, WARNING, Row, fitted, heading
+from norton_bench.screen.styles import (
+    BAD,
+    GOOD,
+    LABEL,
+    STRONG,
+    TEXT,
+    UNIT,
+    WARNING,
+    Row,
+    apart,
+    fitted,
+    heading,
+    length,
+)
 
 SIGNS = {
     Status.UNEXCITED: ("○", LABEL),
@@ -97,6 +110,7 @@ RESULT_WIDTH = SYMBOL + NAME + RESULT_VALUE + 1 + RESULT_UNIT + RESULT_INTERVAL 
 BETWEEN, LEAST_SAID = 4, 50
 TWO_COLUMNS = RESULT_WIDTH + BETWEEN + LEAST_SAID
 FACT = 12
+EXPLANATION = "rms error on motion kept apart from the fit"
 GAP = 3  # between the columns of a table
 NAMING = ("port", "command", "modulation")  # columns that name a row
 
@@ -149,10 +163,26 @@ def _end(summary: Ended, width: int) -> list[Row]:
 def _parameters(estimates: tuple[Estimate, ...], width: int) -> list[Row]:
     if not estimates:
         return []
-    return [heading("Parameters", "with 95 % intervals", "", width), *(_parameter(each, width) for each in estimates)]
+    described = _parameter_below if width < RESULT_WIDTH - NAME else _parameter
+    rows = [row for each in estimates for row in described(each, width)]
+    return [heading("Parameters", "with 95 % intervals", "", width), *rows]
 
 
-def _parameter(estimate: Estimate, width: int) -> Row:
+def _parameter_below(estimate: Estimate, width: int) -> list[Row]:
+    """Two rows: value and status; and below them the interval."""
+    sign, style = SIGNS[estimate.status]
+    value: Row = [
+        (symbol(estimate).ljust(SYMBOL), STRONG),
+        (f"{number(estimate.value, 5):>{RESULT_VALUE}}", TEXT),
+        (f" {pretty_unit(estimate.unit)}", UNIT),
+    ]
+    return [
+        apart(value, [(f"{sign} {estimate.status.value}", style)], width),
+        [(" " * SYMBOL, LABEL), (interval(estimate.value, estimate.std), LABEL)],
+    ]
+
+
+def _parameter(estimate: Estimate, width: int) -> list[Row]:
     sign, style = SIGNS[estimate.status]
     row: Row = [(symbol(estimate).ljust(SYMBOL), STRONG)]
     if width >= RESULT_WIDTH:
@@ -160,7 +190,7 @@ def _parameter(estimate: Estimate, width: int) -> Row:
     row.append((f"{number(estimate.value, 5):>{RESULT_VALUE}}", TEXT))
     row.append((f" {pretty_unit(estimate.unit):<{RESULT_UNIT}}", UNIT))
     row.append((f"{interval(estimate.value, estimate.std):>{RESULT_INTERVAL}}", LABEL))
-    return fitted([*row, (f"  {sign} {estimate.status.value}", style)], width)
+    return [fitted([*row, (f"  {sign} {estimate.status.value}", style)], width)]
 
 
 def _trials(summary: Ended, width: int) -> list[Row]:
@@ -220,11 +250,14 @@ def _merit(summary: Ended, width: int) -> list[Row]:
     rows: list[Row] = []
     for what, share in (("torque", summary.torque_relative), ("velocity", summary.velocity_relative)):
         if share is not None:
-            explanation = ("  rms error on motion kept apart from the fit", LABEL)
-            rows.append([(what.ljust(FACT), LABEL), (f"{percent(share)} of it", STRONG), explanation])
+            found: Row = [(what.ljust(FACT), LABEL), (f"{percent(share)} of it  ", STRONG)]
+            begin = " " * (length(found) - FACT)
+            first, *others = wrap(EXPLANATION, max(width - FACT, 2 * FACT), initial_indent=begin)
+            rows += [[*found, (first.strip(), LABEL)], *([(" " * FACT, TEXT), (other, LABEL)] for other in others)]
     for expectation in summary.expectations:
-        sign = ("✓ ", GOOD) if expectation.met else ("✗ ", BAD)
-        rows.append(fitted([sign, (expectation.sentence, TEXT)], width))
+        sign, style = ("✓ ", GOOD) if expectation.met else ("✗ ", BAD)
+        first, *others = wrap(expectation.sentence, max(width - len(sign), FACT))
+        rows += [[(sign, style), (first, TEXT)], *([("  ", TEXT), (other, TEXT)] for other in others)]
     return [heading("Figures of merit", "", "", width), *(fitted(row, width) for row in rows)] if rows else []
 
 

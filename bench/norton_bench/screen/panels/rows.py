@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from rich.segment import Segment
 from rich.style import Style
+from textual.geometry import Size
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -22,6 +23,7 @@ class Rows(Widget):
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002  (textual's own name)
         super().__init__(id=id)
         self._drawn: list[Strip] | None = None
+        self._drawn_for = Size()
         self._styles: dict[str, Style] = {}
 
     @abstractmethod
@@ -39,12 +41,11 @@ class Rows(Widget):
         self._styles.clear()
         super().notify_style_update()
 
-    def on_resize(self) -> None:
-        self._drawn = None
-
     def render_line(self, y: int) -> Strip:
+        """A new size may be drawn before anybody is told of it, so the rows are compared with the size they are for."""
         width = self.size.width
-        if self._drawn is None:
+        if self._drawn is None or self._drawn_for != self.size:
+            self._drawn_for = self.size
             self._drawn = [self._strip(row, width) for row in self.draw(width, self.size.height)]
         return self._drawn[y] if y < len(self._drawn) else self._strip([], width)
 

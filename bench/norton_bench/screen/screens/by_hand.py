@@ -22,7 +22,7 @@ from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Confirm, Mark
-from norton_bench.screen.styles import Row
+from norton_bench.screen.styles import PHONE, Row
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2
@@ -39,7 +39,7 @@ class ByHandScreen(Screen[None]):
     """Shows the state of ``experiment``, in which ``jog`` moves the bench, and sends the orders of its keys."""
 
     BINDINGS = keys.BY_HAND
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (130, "-wide")]  # noqa: RUF012  (textual declares it so)
+    HORIZONTAL_BREAKPOINTS = [*PHONE, (130, "-wide")]  # noqa: RUF012  (textual declares it so)
     VERTICAL_BREAKPOINTS = [(0, "-short"), (40, "-high")]  # noqa: RUF012
 
     def __init__(self, experiment: Experiment, jog: Jog, *, fps: float, abort: Callable[[], None]) -> None:
@@ -68,6 +68,10 @@ class ByHandScreen(Screen[None]):
 
     def on_mount(self) -> None:
         self.set_interval(1 / self._fps, self._frame)
+
+    def on_resize(self) -> None:
+        """What had no room until now has missed the last frames, and after the end there are no more."""
+        self.call_after_refresh(self.draw_frame, all_of_it=True)
 
     def _frame(self) -> None:
         """Read the events; draw, where the terminal has taken the last frame."""

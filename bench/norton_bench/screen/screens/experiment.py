@@ -19,7 +19,7 @@ from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import FIT_GIVEN_UP, Ask, Confirm, Mark
-from norton_bench.screen.styles import Row
+from norton_bench.screen.styles import PHONE, Row
 
 VIEWS = ["Overview", "Loops", "Source", "Bench"]
 WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
@@ -32,7 +32,7 @@ class ExperimentScreen(Screen[None]):
     """Shows the state of ``experiment`` at ``fps`` frames a second, and sends the orders of its keys."""
 
     BINDINGS = keys.EXPERIMENT
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-medium"), (150, "-wide"), (190, "-widest")]  # noqa: RUF012  (textual declares it so)
+    HORIZONTAL_BREAKPOINTS = [*PHONE, (110, "-medium"), (150, "-wide"), (190, "-widest")]  # noqa: RUF012  (textual declares it so)
     VERTICAL_BREAKPOINTS = [(0, "-short"), (32, "-tall"), (44, "-high")]  # noqa: RUF012
 
     def __init__(self, experiment: Experiment, *, fps: float, abort: Callable[[], None]) -> None:
@@ -69,6 +69,10 @@ class ExperimentScreen(Screen[None]):
     def on_mount(self) -> None:
         self.action_view(0)
         self.set_interval(1 / self._fps, self._frame)
+
+    def on_resize(self) -> None:
+        """What had no room until now has missed the last frames, and after the end there are no more."""
+        self.call_after_refresh(self.draw_frame, all_of_it=True)
 
     def _frame(self) -> None:
         """Read the events; draw, where there are any and the terminal has taken the last frame."""
