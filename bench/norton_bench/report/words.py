@@ -1,5 +1,6 @@
 """Numbers as text for readers; and the glossary of the report."""
 
+import re
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 
@@ -41,13 +42,14 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_NUMBER = "–"
 _UNIT_WORDS = (("N*m*s/rad", "N·m·s/rad"), ("kg*m^2", "kg·m²"), ("N*m", "N·m"), ("**", "^"), ("*", "·"), ("^2", "²"))
 
+_OVER_ITSELF = re.compile(r"(.+)/\(\1\)|(\w+)/\2")
+
 
 def pretty_unit(unit: str) -> str:
     """A unit with its proper signs: "kg*m^2" is written kg·m². One over itself, as in "A/(A)", is none."""
     for plain, proper in _UNIT_WORDS:
         unit = unit.replace(plain, proper)
-    above, _, below = unit.partition("/")
-    return "" if below in (above, f"({above})") else unit
+    return "" if _OVER_ITSELF.fullmatch(unit) else unit
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -69,6 +69,8 @@ def test_a_value_and_its_interval_share_their_digits() -> None:
         ("kg*m^2", "kg·m²"),
         ("N*m/(N*m)", ""),
         ("A/(A)", ""),
+        ("A/A", ""),
+        ("rad/s/(rad/s)", ""),
         ("N*m/(V)", "N·m/(V)"),
         ("rad/s", "rad/s"),
         ("rad/s/(A)", "rad/s/(A)"),
