@@ -181,10 +181,8 @@ def _as_fitted(order: Order, fit: FitResult) -> Order:
     """With the cogging that the network has, where it has this line: there nothing else of the torque is in its way."""
     for wave in fit.cogging:
         if wave.periods_per_turn == order.periods_per_turn:
-            half_width = LEVEL * wave.std_nm
-            return replace(
-                order, cogging_nm=replace(order.cogging_nm, amplitude=wave.amplitude_nm, half_width=half_width)
-            )
+            fitted = replace(order.cogging_nm, amplitude=wave.amplitude_nm, half_width=wave.half_interval_nm)
+            return replace(order, cogging_nm=fitted)
     return order
 
 

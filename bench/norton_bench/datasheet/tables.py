@@ -112,12 +112,12 @@ def range_sentence(sheet: Sheet) -> str:
 
 
 # By whether the motor's current and the supply's voltage were recorded: power needs both of one place.
+_BOTH = (
+    "the current of the motor and the voltage of the supply were recorded, but neither the current from the supply nor "
+    "the voltage at the motor"
+)
 _ELECTRICAL = {
-    (
-        True,
-        True,
-    ): "the current of the motor and the voltage of the supply were recorded, but neither the current from the "
-    "supply nor the voltage at the motor",
+    (True, True): _BOTH,
     (True, False): "the current of the motor was recorded, but no voltage",
     (False, True): "the voltage of the supply was recorded, but no current",
     (False, False): "no current and no voltage were recorded",

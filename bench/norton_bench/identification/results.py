@@ -16,7 +16,7 @@ from norton_bench.identification.sanity_checks import FailedCheck
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import Estimate, Status
+from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 
 if TYPE_CHECKING:
     from norton_bench.identification.bootstrap import Readings, Simulation
@@ -162,6 +162,11 @@ class Cogging:
     periods_per_turn: float
     amplitude_nm: float
     std_nm: float
+
+    @property
+    def half_interval_nm(self) -> float:
+        """Half of the interval of 95 %."""
+        return HALF_INTERVAL * self.std_nm
 
 
 @dataclass(frozen=True)

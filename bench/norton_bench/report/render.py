@@ -11,7 +11,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import FitResult
 from norton_bench.models.derived import Figure, derived
 from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL, Estimate, Status
+from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.models.terms import Factor, NetworkTerm
 from norton_bench.report.sections import sections
 from norton_bench.report.streams import stream_qualities
@@ -155,11 +155,11 @@ def _amplitudes(fit: FitResult) -> str:
         return ""
     unit = "of the command's unit" if fit.ratios_only else "mN·m"
     scale = 1.0 if fit.ratios_only else 1e3
-    waves = (
-        f"{within(scale * each.amplitude_nm, scale * HALF_INTERVAL * each.std_nm)} {unit} at {each.periods_per_turn:g} "
-        "periods a turn"
-        for each in fit.cogging
-    )
+    sizes = (within(scale * each.amplitude_nm, scale * each.half_interval_nm) for each in fit.cogging)
+    waves = [
+        f"{size} {unit} at {each.periods_per_turn:g} periods a turn"
+        for size, each in zip(sizes, fit.cogging, strict=True)
+    ]
     return f"Amplitude √(a² + b²) of the torque by position: {', '.join(waves)}."
 
 

@@ -10,7 +10,7 @@ from norton_bench.identification.friction_laws import CONTAINS, EXCESS
 from norton_bench.identification.residual_tests import SIGNIFICANCE, Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import Cogging, SourceMap
 from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
-from norton_bench.models.parameters import HALF_INTERVAL, UNITS
+from norton_bench.models.parameters import UNITS
 from norton_bench.report.figures_fit import impedance_table_figure, operator_figure, residual_tests_figure
 from norton_bench.report.figures_network import ImpedanceLoop, presliding_loops
 from norton_bench.report.svg import picture
@@ -216,7 +216,7 @@ def _harmonic_sentence(harmonic: Harmonic, unit: str, fitted: Cogging | None) ->
     if fitted is not None:
         return (
             f"What the parameters alone leave follows position {times}: the network has this {what}, "
-            f"{within(1e3 * fitted.amplitude_nm, 1e3 * HALF_INTERVAL * fitted.std_nm)} m{unit}."
+            f"{within(1e3 * fitted.amplitude_nm, 1e3 * fitted.half_interval_nm)} m{unit}."
         )
     return f"The residual follows position {times}: {what} of {number(1e3 * harmonic.amplitude_nm, 2)} m{unit}."
 
@@ -327,8 +327,7 @@ def worse_though_richer(best: Compared, models: Sequence[Compared]) -> tuple[lis
         extend, come = ("extends", "comes") if len(extensions) == 1 else ("extend", "come")
         sentences.append(
             f"{_listed(extensions)} {extend} {best.name}, but {come} near to it only at the edge of what is searched, "
-            "and a search ends within its tolerance: what is left of either is why the fitted data are fitted no "
-            "better."
+            "and every search ends within a tolerance. So the error on the fitted data can be a little greater."
         )
     laws = (f"{name} {ASSUMES.get(name.removesuffix('-asymmetric'), WITHOUT_MEMORY)}." for name in others)
     return sentences, tuple(laws)
