@@ -6,6 +6,7 @@ a simpler model that this one contains fits better than what was reached, the se
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,12 +33,10 @@ KEPT = 8
 AT_BOUND = 1e-3
 # Relative, of differences that stand for derivatives by the shape.
 DIFFERENCE = 0.02
-# Of a column's power: what is more noise than this tells nothing, however much is taken off.
-MOST_NOISE = 0.5
-
-
 # Parts of a record that are compared.
 QUARTERS = 4
+# Of a column's power: what is more noise than this tells nothing, however much is taken off.
+MOST_NOISE = 0.5
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,7 @@ class FrictionFit:
     ``names`` and ``values`` are the equation's further columns, then the model's terms, then its unknowns;
     ``covariance`` (names, names) is in the units of the values. ``residual`` and ``prediction`` cover every row of
     the equation, fitted or not; ``rows`` says which were, ``scale`` (n,) what they were multiplied by. ``at_bound``
-    names what lies at the edge of what is allowed. ``of_quarters`` is by how much each quarter of the rows fitted moves
-    the values.
+    names what lies at the edge of what is allowed.
     """
 
     model: FrictionModel
@@ -61,7 +59,6 @@ class FrictionFit:
     scale: FloatArray
     converged: bool
     at_bound: tuple[str, ...]
-    of_quarters: Moved
 
     @property
     def strengths(self) -> FloatArray:
@@ -148,6 +145,14 @@ def fit_friction(
     return problem.finish(rows, problem.search(rows, problem.scan(), contained))
 
 
+def moved_by_quarters(equation: Equation, fit: FrictionFit) -> Moved:
+    """By how much each quarter of the rows fitted moves the values of the ``fit``, (quarters, names)."""
+    problem = Problem.of(equation, fit.model, np.where(fit.rows, 0, -1))
+    reached = problem.reached(np.log(fit.shape), fit.rows)
+    moved = moved_by_parts(*problem.least_squares(fit.rows, reached), parts=QUARTERS)
+    return Moved(reached.units * moved.values, reached.units * moved.stds)
+
+
 @dataclass(frozen=True)
 class Reached:
     """Where a search stands: the logarithms of the shape, all columns, coefficients and residual in the rows fitted.
@@ -164,6 +169,21 @@ class Reached:
     @property
     def cost(self) -> float:
         return float(self.residual @ self.residual)
+
+    @property
+    def units(self) -> FloatArray:
+        """Of the values, over those of what is searched: coefficients, and the logarithms of the shape."""
+        return np.concatenate([np.ones(len(self.linear)), np.exp(self.at)])
+
+
+class LeastSquares(NamedTuple):
+    """The arguments of :func:`sandwich`, in their order."""
+
+    jacobian: FloatArray
+    residual: FloatArray
+    time_s: FloatArray
+    contamination: FloatArray
+    linear: FloatArray
 
 
 @dataclass(frozen=True)
@@ -264,7 +284,7 @@ class Problem:
         """
         result = self.refine(rows, start)
         starts = [
-            self._reach(at, rows)
+            self.reached(at, rows)
             for name in CONTAINS.get(self.model.name, ())
             if name in contained and contained[name].size
             for at in self._becoming(member(name), contained[name], result.at)
@@ -282,7 +302,7 @@ class Problem:
 
     def refine(self, rows: BoolArray, start: FloatArray) -> Reached:
         """Gauss-Newton on the projected problem with step halving, inside the box."""
-        now = self._reach(start, rows)
+        now = self.reached(start, rows)
         for _ in range(MOST_STEPS if len(start) else 0):
             slopes = self.slopes(now)[:, rows]
             active = now.columns[:, rows][(now.linear > 0) | ~self.nonnegative]
@@ -291,14 +311,14 @@ class Problem:
             promised = float(step @ slopes @ now.residual)
             if promised < WORTH_A_STEP * now.cost:
                 return replace(now, converged=True)
-            trials = (self._reach(now.at + share * step, rows) for share in SHARES)
+            trials = (self.reached(now.at + share * step, rows) for share in SHARES)
             better = next((trial for trial in trials if trial.cost < now.cost), None)
             if better is None:
                 return replace(now, converged=promised < ROUGHNESS * now.cost)
             now = better
         return replace(now, converged=not len(start))
 
-    def _reach(self, at: FloatArray, rows: BoolArray) -> Reached:
+    def reached(self, at: FloatArray, rows: BoolArray) -> Reached:
         from norton_bench.identification.friction_operators import part_sums  # noqa: PLC0415  (compiled: slow to import)
 
         columns, target = self.columns(at), self.target
@@ -317,18 +337,20 @@ class Problem:
             change[unknown] = reached.linear @ (moved - reached.columns) / (sign * SMALL)
         return change
 
-    def finish(self, rows: BoolArray, reached: Reached) -> FrictionFit:
-        """The values with their covariance, and the prediction of every row."""
+    def least_squares(self, rows: BoolArray, reached: Reached) -> LeastSquares:
+        """What the search ends with, linear about its values."""
         jacobian = np.concatenate([reached.columns, self.slopes(reached)])[:, rows].T
         others = len(self.equation.names)
         squares = np.sum(jacobian[:, :others] ** 2, axis=0, keepdims=True)
         all_noise = {**self.equation.noise, **self.equation.noise_at_zero}
         noise = noise_power(self.equation, all_noise, np.where(rows, 0, -1), squares)[0]
         shrunk = reached.linear[:others] - noise_in_target(self.equation)
-        covariance = sandwich(jacobian, reached.residual, self.equation.time_s[rows], noise, shrunk)
-        moved = moved_by_parts(jacobian, reached.residual, self.equation.time_s[rows], QUARTERS, noise, shrunk)
-        shape = np.exp(reached.at)
-        units = np.concatenate([np.ones(len(reached.linear)), shape])
+        return LeastSquares(jacobian, reached.residual, self.equation.time_s[rows], noise, shrunk)
+
+    def finish(self, rows: BoolArray, reached: Reached) -> FrictionFit:
+        """The values with their covariance, and the prediction of every row."""
+        covariance = sandwich(*self.least_squares(rows, reached))
+        shape, units = np.exp(reached.at), reached.units
         prediction = reached.linear @ (reached.columns / self.scale)
         terms = tuple(term.name for term in self.model.terms)
         unknowns = tuple(unknown.name for unknown in self.model.unknowns)
@@ -343,7 +365,6 @@ class Problem:
             scale=self.scale,
             converged=reached.converged,
             at_bound=self._at_bound(reached),
-            of_quarters=Moved(units * moved.values, units * moved.stds),
         )
 
     def _at_bound(self, reached: Reached) -> tuple[str, ...]:

@@ -15,8 +15,6 @@ NORMAL_95 = 1.96  # deviations
 BLOCKS_S = (0.1, 0.5, 2.0)
 # A column shorter than this says nothing, and its square is no number.
 NOTHING = 1e-100
-
-
 # A direction of the columns that a part excites less than this, of what it excites most, it does not excite.
 WORTH_A_COLUMN = 1e-6
 
@@ -61,11 +59,12 @@ def moved_by_parts(
     jacobian: FloatArray,
     residual: FloatArray,
     time_s: FloatArray,
-    parts: int,
     contamination: FloatArray | None = None,
     linear: FloatArray | None = None,
+    *,
+    parts: int,
 ) -> Moved:
-    """Of so many parts, as long as each other; arguments as of :func:`sandwich`.
+    """Of so many parts, as long as each other; other arguments as of :func:`sandwich`.
 
     The influence of samples on an estimate (Hampel et al., Robust Statistics, 1986, ch. 6), added up in each part. What
     a part does not excite it does not move, and so needs no value of its own. The noise within a part is what a fit of

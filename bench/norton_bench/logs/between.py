@@ -7,7 +7,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import chi2_tail, t_quantile
-from norton_bench.identification.friction_fit import QUARTERS, FrictionFit
+from norton_bench.identification.friction_fit import QUARTERS, FrictionFit, moved_by_quarters
 from norton_bench.identification.statistics import NORMAL_95, combine
 from norton_bench.logs.delays import with_delays
 from norton_bench.logs.equation import Problem
@@ -107,16 +107,17 @@ def of_logs(problem: Problem, fit: FrictionFit, parts: Sequence[Part]) -> Compar
     return Compared(f"The logs ({names})", tuple(_between(problem, fit, parts)))
 
 
-def of_quarters(fit: FrictionFit, whole: Mapping[str, tuple[float, float]]) -> Compared:
-    """What each quarter of one training log makes of the ``whole`` values.
+def of_quarters(problem: Problem, fit: FrictionFit) -> Compared:
+    """What each quarter of one training log makes of the values.
 
     The quarters are not fitted: what one of them does not excite has no value there. Each moves the values of the whole
     by its own residuals, and by chance no further than the noise within it does.
     """
     if np.count_nonzero(fit.rows) < QUARTERS * ROWS_A_NUMBER * len(fit.names):
         return Compared("", ())
-    moved = zip(whole.items(), fit.of_quarters.values.T, fit.of_quarters.stds.T, strict=True)
-    told = [_of_quarters(name, value, *each) for (name, (value, _)), *each in moved if not _own(name, fit)]
+    moved = moved_by_quarters(problem.equation, fit)
+    each = zip(with_delays(problem, fit).items(), moved.values.T, moved.stds.T, strict=True)
+    told = [_of_quarters(name, value, *by) for (name, (value, _)), *by in each if not _own(name, fit)]
     return Compared("Quarters of the record", tuple(told))
 
 

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +33,12 @@ from norton_bench.logs.sanity_checks import (
     out_of_step,
     scales_apart,
     swapped,
-    turned,
     unexplained,
+    unidentifiable_gain,
     unlike_derivative,
     unlike_link,
-    untold_gain,
     variation,
+    wrong_columns,
     wrong_signs,
 )
 from norton_bench.units import NUMBER, parse_quantity
@@ -294,39 +295,39 @@ def _doubts(
     fitted: Estimated,
     readings_of: Callable[[Sequence[Log]], Readings],
 ) -> tuple[str, ...]:
-    def again(others: Sequence[Log]) -> Problem:
+    """What is wrong with the log, the likeliest cause alone."""
+
+    def solve(others: Sequence[Log]) -> Problem:
         return make_problem(column_map, readings_of(others))
 
+    @cache
+    def without_delays() -> Problem:
+        return solve(logs)
+
     problem, chosen = fitted.problem, fitted.chosen
-    basic = Basic.of(problem)
-    left = chosen.train_rms / max(variation(problem), 1e-300)
     units = [*unlike_derivative(problem.stretches, problem.filters), *unlike_link(problem.stretches)]
     if units:
         return tuple(units)  # which say themselves what is swapped
-    result = [*ahead_of_goal(problem.stretches, problem.filters)]
-    exchanged = bool(result)
-    if not held(chosen, selected(fitted.rungs)):
-        return tuple(result)  # what a law lacks looks like many a mistake
-    with_contact = basic.with_contact(chosen.fit)
-    apart = () if result else _apart(column_map, logs, fitted, with_contact, left, readings_of)
+    exchanged = tuple(ahead_of_goal(problem.stretches, problem.filters))
+    if exchanged or not held(chosen, selected(fitted.rungs)):
+        return exchanged  # what a law lacks looks like many a mistake
+    basic = Basic.of(problem).with_contact(chosen.fit)
+    left = chosen.train_rms / max(variation(problem), 1e-300)
+    apart = _apart(column_map, logs, fitted, basic, left, readings_of)
     if apart:
         return apart
     ratio = problem.stretches[0].log.given("actuator", "gear_ratio")
-    signs = {} if with_contact.sound else turned(logs, again)
-    result = result or [*wrong_signs(with_contact, column_map, ratio, signs)]
-    untold = () if result else tuple(untold_gain(basic, column_map))
-    if untold:
-        return untold
-    if column_map.model.refine is None:
-        # What is refined on the motion is judged by it.
-        result = result or [*out_of_step(problem, chosen.fit, column_map)]
-        hung = () if result else tuple(hanging(again(logs), left, column_map))
-        if hung:
-            return hung
-        result = result or [*unexplained(basic, left, column_map)]
-    # With a sign turned all agrees: no two columns need change their places.
-    looked_for = result and not signs and not exchanged
-    return (tuple(swapped(logs, again)) if looked_for else ()) or tuple(result)
+    signs = {} if basic.sound else wrong_columns(logs, Basic.of(without_delays()), solve)
+    result = tuple(wrong_signs(basic, column_map, ratio, signs))
+    settled = () if result else tuple(unidentifiable_gain(basic, column_map))
+    # What is refined on the motion is judged by it.
+    if not result and not settled and column_map.model.refine is None:
+        result = tuple(out_of_step(problem, chosen.fit, column_map))
+        settled = () if result else tuple(hanging(without_delays(), left, column_map))
+        result = result or tuple(unexplained(basic, left, column_map))
+    if settled or signs or not result:
+        return settled or result
+    return tuple(swapped(logs, Basic.of(without_delays()), solve)) or result
 
 
 def _each_log(column_map: ColumnMap, fitted: Estimated, readings: Readings) -> tuple[Part, ...]:
@@ -376,7 +377,7 @@ def _apart(
     measured = first.port is not None or first.load is not None
     if first.gain is None or not measured or not column_map.model.inertia or column_map.model.refine is not None:
         return ()
-    if basic.carried is not None:
+    if basic.load is not None:
         return ()  # nothing else tells a gain
     bare = [replace(log, givens={each: value for each, value in log.givens.items() if each != key}) for log in logs]
     freed = _by_law(column_map, readings_of(bare), fitted.chosen.model)

@@ -11,7 +11,7 @@ from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
 from norton_bench.logs.between import Part, of_logs, of_quarters, widened
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.delays import SHIFT, with_delays
+from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem
 from norton_bench.logs.estimate import Estimated
 from norton_bench.logs.link import spring_of
@@ -31,7 +31,7 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
-from norton_bench.logs.sanity_checks import UNEXPLAINED, astray
+from norton_bench.logs.sanity_checks import SIGNIFICANT, UNEXPLAINED, astray
 from norton_bench.logs.simulated_motion import motion_errors
 from norton_bench.logs.totals import totals
 from norton_bench.models.parameters import Estimate, Status
@@ -40,8 +40,6 @@ from norton_bench.models.parameters import Estimate, Status
 HALF_A_SAMPLE = 0.5
 # The weight, and the share of the rows, from which on rows near rest are spoken of.
 HALF = 0.5
-# Beyond these many deviations from zero a term is no accident, although several laws are looked at.
-SURE = 3.0
 WORTH_SAYING = 0.01
 
 
@@ -91,7 +89,7 @@ def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
     column_map, problem = judged.column_map, judged.problem
     whole = judged.chosen.fit
-    parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(whole, with_delays(problem, whole))
+    parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
     fit = widened(whole, parts)
     doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
@@ -198,7 +196,8 @@ def _open(judged: Judged) -> Iterator[str]:
 
 
 def _beyond_zero(estimate: Estimate) -> bool:
-    return estimate.status is Status.VALID and abs(estimate.value) > SURE * estimate.std
+    """Beyond accident, although several laws are looked at."""
+    return estimate.status is Status.VALID and abs(estimate.value) > SIGNIFICANT * estimate.std
 
 
 def _totals(judged: Judged, fit: FrictionFit) -> tuple[Estimate, ...]:

@@ -6,7 +6,6 @@ Every finding is a sentence with the remedy; any of them makes all estimates dou
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypedDict
 
 import numpy as np
 
@@ -38,6 +37,8 @@ LATE_EXPLAINS = 0.3
 # Swapping two columns is suspected where it leaves less than this share of what is left otherwise.
 BETTER = 0.5
 AS_GOOD = 1.5  # where signs are wrong as it is
+# A gain further from the one given than this share of it is another one, although delays are not reckoned with.
+ANOTHER = 0.5
 LOAD_ONLY_PRESSES = (
     " [columns] load says what presses on the gears, and is not taken off; what a sensor at the port measures is "
     "exertion."
@@ -60,35 +61,33 @@ class Basic:
     """The equation with Coulomb and viscous friction and nothing held to a sign. ``unexplained`` is over what varies.
 
     ``inertia``, ``gain`` and ``braking`` (mean power that friction takes) are in deviations from zero, None where they
-    are not sought. ``carried`` is the inertia that the port carries, and its deviation, where the torque there follows
-    from the motion alone. ``contradicted`` says whether the torque at the port asks for another gain than that given.
+    are not sought. ``at_port`` is what a sensor there tells beside the command, None without both.
     """
 
     unexplained: float
     inertia: float | None
     braking: float | None
     gain: float | None
-    carried: tuple[float, float] | None
-    contradicted: bool
+    at_port: "AtPort | None"
 
     @property
     def sound(self) -> bool:
         """Whether nothing has the wrong sign."""
+        if self.load is not None and self.load.negative:
+            return False
         ratios = (self.inertia, self.braking, self.gain)
-        return not self.carries_less_than_nothing and (
-            self.gain_untold or all(ratio is None or ratio > -SIGNIFICANT for ratio in ratios)
-        )
+        return self.unidentifiable_gain or all(ratio is None or ratio > -SIGNIFICANT for ratio in ratios)
 
     @property
-    def carries_less_than_nothing(self) -> bool:
-        """Whether the inertia at the port is negative."""
-        return self.carried is not None and self.carried[0] < -SIGNIFICANT * self.carried[1]
+    def load(self) -> "LoadInertia | None":
+        """That at the port, where the torque there follows from the motion alone."""
+        return None if self.at_port is None else self.at_port.load
 
     @property
-    def gain_untold(self) -> bool:
-        """Whether a gain is sought that nothing tells: without any command the equation holds as well, with the load's
-        inertia, turned round, as the actuator's."""
-        return self.carried is not None and self.gain is not None
+    def unidentifiable_gain(self) -> bool:
+        """Whether a gain is sought beside a load that moves as it is driven: without any command the equation holds as
+        well, with the load's inertia, turned round, as the actuator's."""
+        return self.load is not None and self.gain is not None
 
     def with_contact(self, fit: FrictionFit) -> "Basic":
         """With the signs of a fit whose friction remembers the path: that of velocity alone may not tell them."""
@@ -124,23 +123,37 @@ class Basic:
             inertia=ratio.get("inertia") if own else None,
             braking=float(weights @ linear[-2:]) / spread if own else None,
             gain=ratio.get(TORQUE_GAIN),
-            **_at_port(problem),
+            at_port=_at_port(problem),
         )
 
 
-class AtPort(TypedDict):
-    """What a sensor at the port tells, as in :class:`Basic`."""
+@dataclass(frozen=True)
+class LoadInertia:
+    """Of a load that is nothing else, in the unit of the inertia."""
 
-    carried: tuple[float, float] | None
-    contradicted: bool
+    value: float
+    std: float
+
+    @property
+    def negative(self) -> bool:
+        return self.value < -SIGNIFICANT * self.std
 
 
-def _at_port(problem: Problem) -> AtPort:
-    """A load at the port may move as it is driven: then the gain, if it is free, is nothing, or gives the actuator less
-    than no inertia, and nothing else tells a gain."""
+@dataclass(frozen=True)
+class AtPort:
+    """What a sensor at the port tells: the inertia of a load, where the torque follows from the motion alone; and
+    whether the torque asks for another gain than that given."""
+
+    load: LoadInertia | None
+    contradicts_gain: bool
+
+
+def _at_port(problem: Problem) -> AtPort | None:
+    """A load at the port may move as it is driven: then the gain, if it is free, is nothing, or gives the actuator a
+    negative inertia, and nothing else tells a gain."""
     drive = problem.joined("drive")
     if problem.terms[0].port is None or drive is None:
-        return {"carried": None, "contradicted": False}
+        return None
     equation, rows = problem.equation, problem.train
     motions = [term.link or term.motion for term in problem.terms]
     angle, velocity, acceleration = (
@@ -151,14 +164,14 @@ def _at_port(problem: Problem) -> AtPort:
     columns = equation.process(np.stack([*own, angle, np.sin(angle), np.cos(angle), drive]))[:, rows]
     motion, command, port, time_s = columns[:-1], columns[-1], problem.exertion[rows], equation.time_s[rows]
     free, deviations = _linear(np.concatenate([columns[: len(own)], columns[-1:]]), port, time_s)
-    untold = free[0] > SIGNIFICANT * deviations[0] or abs(free[-1]) < SIGNIFICANT * deviations[-1]
+    unidentifiable = free[0] > SIGNIFICANT * deviations[0] or abs(free[-1]) < SIGNIFICANT * deviations[-1]
     follow = (_rms(_left(motion, each)) < UNEXPLAINED * np.std(each) for each in (port, command))
-    if untold and all(follow):
+    if unidentifiable and all(follow):
         alone, deviations = _linear(motion, port, time_s)
-        return {"carried": (float(alone[0]), float(deviations[0])), "contradicted": False}
+        return AtPort(LoadInertia(float(alone[0]), float(deviations[0])), contradicts_gain=False)
     given = problem.terms[0].gain
-    far = given is not None and abs(free[-1] - given) > max(0.5 * abs(given), SIGNIFICANT * deviations[-1])
-    return {"carried": None, "contradicted": far}
+    far = given is not None and abs(free[-1] - given) > max(ANOTHER * abs(given), SIGNIFICANT * deviations[-1])
+    return AtPort(None, contradicts_gain=far)
 
 
 def _linear(columns: FloatArray, values: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -189,16 +202,14 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def turned(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Mapping[str, float]:
-    """The columns of what drives with whose sign turned nothing is wrong, and what the equation then leaves."""
-    result: dict[str, float] = {}
-    basic = _basic_of(logs, solve)
-    if basic is None:
-        return result
+def wrong_columns(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Mapping[str, float]:
+    """The columns of what drives with whose sign turned nothing is wrong, and what the equation then leaves. ``basic``
+    is that of ``logs`` as ``solve`` has it."""
+    result = {}
     for name in (each for each in DRIVERS if each in logs[0].columns):
-        other = _basic_of([_with_turned(log, name) for log in logs], solve)
-        least = min(AS_GOOD * basic.unexplained, UNEXPLAINED)
-        if other is not None and other.sound and not other.contradicted and other.unexplained < least:
+        other = basic_of([_with_turned(log, name) for log in logs], solve)
+        contradicted = other.at_port is not None and other.at_port.contradicts_gain
+        if other.sound and not contradicted and other.unexplained < min(AS_GOOD * basic.unexplained, UNEXPLAINED):
             result[name] = other.unexplained
     return result
 
@@ -207,7 +218,7 @@ def wrong_signs(
     basic: Basic, column_map: ColumnMap, gear_ratio: float | None, mends: Mapping[str, float]
 ) -> Iterator[str]:
     """Inertia and dissipation are positive, and so is a gain, if the signs of the columns agree; gears that turn the
-    other way turn that of the motor's command. ``mends`` are the columns that :func:`turned` names."""
+    other way turn that of the motor's command. ``mends`` are those of :func:`wrong_columns`."""
     columns = column_map.columns
     both = columns.exertion is not None and columns.command is not None
     driver = min(mends, key=lambda name: mends[name], default="exertion" if columns.exertion is not None else "command")
@@ -215,13 +226,13 @@ def wrong_signs(
     agree = f"the signs of {driver} and motion do not agree; {mend}"
     if both and not mends and column_map.actuator.torque_gain is not None:
         agree = (
-            "turning no sign mends it; check the units and scales of exertion and of [actuator] torque_gain: beside so "
-            "great a torque at the port, with so small a gain, nothing is left for the motor"
+            "turning no sign mends it; check the units and scales of exertion and of [actuator] torque_gain: with this "
+            "gain the motor cannot give the torque at the port"
         )
     backwards = columns.command is not None and columns.command.side == "motor" and (gear_ratio or 1.0) < 0
-    if basic.carries_less_than_nothing:
+    if basic.load is not None and basic.load.negative:
         yield f"The torque at the port is that of a load with a negative inertia: {agree}."
-    elif basic.gain_untold:
+    elif basic.unidentifiable_gain:
         return
     elif basic.gain is not None and (-basic.gain if backwards else basic.gain) < -SIGNIFICANT:
         yield f"A positive command drives the shaft backwards: {mend.replace(driver, 'command')}."
@@ -231,12 +242,12 @@ def wrong_signs(
         yield f"Friction comes out negative, driving the motion: {agree}."
 
 
-def untold_gain(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
+def unidentifiable_gain(basic: Basic, column_map: ColumnMap) -> Iterator[str]:
     """A torque at the port that is only what the load answers the motion with."""
-    if basic.gain_untold and basic.carried is not None:
+    if basic.unidentifiable_gain and basic.load is not None:
         unit = "kg" if column_map.translation else "kg*m^2"
         yield (
-            f"The torque at the port follows from the motion alone, as that of an inertia of {basic.carried[0]:.3g} "
+            f"The torque at the port follows from the motion alone, as that of an inertia of {basic.load.value:.3g} "
             f"{unit}: beside it the command tells no torque gain. Give [actuator] torque_gain, or load the port by a "
             "brake or a second drive."
         )
@@ -326,22 +337,19 @@ def astray(motion: ErrorFigures | None) -> Iterator[str]:
         )
 
 
-def swapped(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
-    """Two columns that explain far more with their places changed."""
+def swapped(logs: Sequence[Log], basic: Basic, solve: Callable[[Sequence[Log]], Problem]) -> Iterator[str]:
+    """Two columns that explain far more with their places changed; ``basic`` is that of ``logs`` as they are."""
     names = [name for name in SWAPPABLE if name in logs[0].columns]
     if "position" in names:
         names = [name for name in names if name != "velocity"]  # which is its derivative, or it would have been said
     result: list[tuple[float, str]] = []
-    basic = _basic_of(logs, solve)
-    if basic is None:
-        return
     for first, second in combinations(names, 2):
         if first == "position" and not _may_be_position(logs, second):
             continue
-        other = _basic_of([_with_swapped(log, first, second) for log in logs], solve)
+        other = basic_of([_with_swapped(log, first, second) for log in logs], solve)
         # A goal is so like its position that either would do.
         much = BETTER if basic.sound or second == "goal" else AS_GOOD
-        if other is not None and other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
+        if other.sound and other.unexplained < min(much * basic.unexplained, UNEXPLAINED):
             result.append(
                 (other.unexplained, f"{first} and {second} seem to be swapped: change them round in [columns].")
             )
@@ -349,12 +357,12 @@ def swapped(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> I
         yield min(result)[1]
 
 
-def _basic_of(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Basic | None:
-    """None where they cannot be fitted."""
+def basic_of(logs: Sequence[Log], solve: Callable[[Sequence[Log]], Problem]) -> Basic:
+    """That of logs that are to be fitted anew; one that explains nothing where they cannot be."""
     try:
         return Basic.of(solve(logs))
     except BenchError:
-        return None
+        return Basic(float("inf"), None, None, None, None)
 
 
 def _may_be_position(logs: Sequence[Log], other: str) -> bool:

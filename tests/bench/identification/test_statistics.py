@@ -173,7 +173,7 @@ def test_parts_that_tell_a_value_equally_move_it_by_their_own_less_the_mean() ->
     columns = np.tile(rng.standard_normal((ROWS, 2)), (PARTS, 1))
     target = columns @ [2.0, -1.0] + rng.standard_normal(PARTS * ROWS)
     whole = np.linalg.lstsq(columns, target, rcond=None)[0]
-    moved = moved_by_parts(columns, target - columns @ whole, TIME_S, PARTS)
+    moved = moved_by_parts(columns, target - columns @ whole, TIME_S, parts=PARTS)
     own = [
         np.linalg.lstsq(*each, rcond=None)[0] for each in zip(np.split(columns, 4), np.split(target, 4), strict=True)
     ]
@@ -185,7 +185,7 @@ def test_what_a_part_does_not_excite_it_does_not_move() -> None:
     columns = in_one_part_only(rng)
     target = columns @ [2.0, -1.0, 0.5] + rng.standard_normal(PARTS * ROWS)
     residual = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
-    moved = moved_by_parts(columns, residual, TIME_S, PARTS)
+    moved = moved_by_parts(columns, residual, TIME_S, parts=PARTS)
     np.testing.assert_allclose(np.sum(moved.values, axis=0), 0.0, atol=1e-12)
     assert np.max(np.abs(moved.values[:, 1])) < 0.2 * np.max(np.abs(moved.stds[:, 1]))
 
@@ -199,7 +199,7 @@ def test_parts_differ_by_chance_as_often_as_they_should_and_by_a_change_nearly_a
         true = np.array([2.0, -1.0, 0.5]) + change * np.repeat(np.arange(PARTS) % 2, ROWS)[:, None]
         target = np.sum(columns * true, axis=1) + rng.standard_normal(PARTS * ROWS)
         residual = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
-        moved = moved_by_parts(columns, residual, TIME_S, PARTS)
+        moved = moved_by_parts(columns, residual, TIME_S, parts=PARTS)
         q = np.sum(moved.values**2, axis=0) / np.mean(moved.stds**2, axis=0)
         seen += [chi2_tail(float(q[at]), PARTS - 1) < 0.05 for at in (0, 2)]
     assert 9 <= sum(seen) <= 33 if change == 0.0 else sum(seen) > 390

@@ -13,7 +13,6 @@ from norton_bench.identification.in_situ import InSituResult, SourceMotion
 from norton_bench.identification.ladder import Rung
 from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
-from norton_bench.identification.statistics import Moved
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.identification.without_model import Prediction, StopOperator, WithoutModel
 from norton_bench.models.network import NortonNetwork
@@ -158,17 +157,7 @@ def rung(
     """One line of the ladder, its errors over a torque of 0.1 N·m."""
     nothing = np.zeros(0)
     fit = FrictionFit(
-        model(name),
-        (),
-        nothing,
-        np.zeros((0, 0)),
-        nothing,
-        nothing,
-        nothing.astype(bool),
-        nothing,
-        converged,
-        (),
-        Moved(nothing, nothing),
+        model(name), (), nothing, np.zeros((0, 0)), nothing, nothing, nothing.astype(bool), nothing, converged, ()
     )
     return Rung(model(name), fit, 0.1 * train, 0.1 * held_out, 0.1 * std, 0.1, (), selected)
 
