@@ -16,6 +16,7 @@ from norton_bench.identification.friction_laws import model as friction_model
 from norton_bench.identification.friction_model import FrictionModel
 from norton_bench.identification.ladder import Rung, held, selected
 from norton_bench.logs import delays as late
+from norton_bench.logs.basic_equation import Basic, variation
 from norton_bench.logs.between import Part, trained_places
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.equation import Problem, make_problem
@@ -27,7 +28,6 @@ from norton_bench.logs.outcome import Judged, outcome, refined
 from norton_bench.logs.readings import Readings
 from norton_bench.logs.results import LogFit
 from norton_bench.logs.sanity_checks import (
-    Basic,
     ahead_of_goal,
     hanging,
     out_of_step,
@@ -37,7 +37,6 @@ from norton_bench.logs.sanity_checks import (
     unidentifiable_gain,
     unlike_derivative,
     unlike_link,
-    variation,
     wrong_columns,
     wrong_signs,
 )

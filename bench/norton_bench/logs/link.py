@@ -12,10 +12,10 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.statistics import sandwich
+from norton_bench.logs.basic_equation import UNEXPLAINED
 from norton_bench.logs.delays import EXERTION
 from norton_bench.logs.equation import LINK_DAMPING, LINK_STIFFNESS, Problem
 from norton_bench.logs.results import HARMONIC
-from norton_bench.logs.sanity_checks import UNEXPLAINED
 from norton_bench.logs.totals import status_of
 from norton_bench.models.parameters import Estimate
 

@@ -9,6 +9,7 @@ from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.ladder import FrictionFit, Rung, held, selected
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
+from norton_bench.logs.basic_equation import SIGNIFICANT, UNEXPLAINED
 from norton_bench.logs.between import Part, of_logs, of_quarters, widened
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
@@ -31,7 +32,7 @@ from norton_bench.logs.results import (
     with_back_emf,
     without_scale,
 )
-from norton_bench.logs.sanity_checks import SIGNIFICANT, UNEXPLAINED, astray
+from norton_bench.logs.sanity_checks import astray
 from norton_bench.logs.simulated_motion import motion_errors
 from norton_bench.logs.totals import totals
 from norton_bench.models.parameters import Estimate, Status
@@ -91,7 +92,6 @@ def outcome(judged: Judged) -> LogFit:
     whole = judged.chosen.fit
     parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
     fit = widened(whole, parts)
-    doubtful = bool(judged.doubts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
     estimates, verdict = _estimates(judged, judged.chosen, fit)
@@ -104,27 +104,27 @@ def outcome(judged: Judged) -> LogFit:
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
-    spring, message = spring_of(problem, fit, column_map.units.link, believed=not doubtful)
+    spring, message = spring_of(problem, fit, column_map.units.link, believed=not judged.doubts)
     said = [
+        *judged.doubts,
         *wrong,
         *_outdone(judged),
         *_open(judged),
         *judged.remarks,
         *verdict,
-        *(() if problem.scaled else _ratios(total, column_map.units.drive)),
-        *_late(estimates, problem),
-        *_near_rest(problem),
+        *_of_result(problem, total, estimates, column_map),
         parts.sentence,
         *message,
+        *map(words, together),
+        *_uncertain([*untold, *spring]),
     ]
-    sentences = [*judged.doubts, *said, *map(words, together), *_uncertain([*untold, *spring])]
     train, test = map(Errors, judged.exertion_errors, motion_errors(column_map, problem, fit))
     return LogFit(
         model=judged.chosen.name,
         estimates=(*estimates, *spring),
-        verdict=tuple(dict.fromkeys([*sentences, *_runs_away(train.motion)])),
+        verdict=tuple(dict.fromkeys([*said, *_runs_away(train.motion)])),
         converged=fit.converged,
-        doubtful=doubtful,
+        doubtful=bool(judged.doubts),
         train=train,
         test=test,
         ladder=tuple(_step(judged, rung) for rung in judged.fitted.rungs),
@@ -134,6 +134,16 @@ def outcome(judged: Judged) -> LogFit:
         between=parts,
         predictions=predicted,
     )
+
+
+def _of_result(
+    problem: Problem, totals: Sequence[Estimate], estimates: Sequence[Estimate], column_map: ColumnMap
+) -> Iterator[str]:
+    """What the values as they are give reason to say."""
+    if not problem.scaled:
+        yield from _ratios(totals, column_map.units.drive)
+    yield from _late(estimates, problem)
+    yield from _near_rest(problem)
 
 
 def refined(judged: Judged, asked: str | None) -> LogFit:

@@ -14,6 +14,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import BenchError, UsageError, nearest
+from norton_bench.logs.basic_equation import Basic
 from norton_bench.logs.column_map import LogSection, parse_map
 from norton_bench.logs.column_names import DRIVE, joints_of, kind_of_column, suits, unit_in_name
 from norton_bench.logs.equation import make_problem
@@ -22,7 +23,6 @@ from norton_bench.logs.grid import common_interval, stretches
 from norton_bench.logs.joints import JOINT, asking
 from norton_bench.logs.log import read_log, usable_rows
 from norton_bench.logs.readings import Readings
-from norton_bench.logs.sanity_checks import Basic
 from norton_bench.rig.files import toml
 from norton_bench.units import conversion
 

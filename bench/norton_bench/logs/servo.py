@@ -10,7 +10,7 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.statistics import sandwich
-from norton_bench.logs.equation import inputs_of, load_of, loop_of
+from norton_bench.logs.axis_inputs import inputs_of, load_of, loop_of
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.steps import Axis, Friction, Inputs, Load, Loop, Motor, simulate
 

@@ -7,8 +7,9 @@ import numpy as np
 from norton_bench.arrays import BoolArray, FloatArray
 from norton_bench.identification.friction_fit import FrictionFit
 from norton_bench.identification.friction_model import FrictionModel, Path, remembers
+from norton_bench.logs.axis_inputs import inputs_of, load_of, loop_of
 from norton_bench.logs.column_map import ColumnMap
-from norton_bench.logs.equation import Problem, inputs_of, load_of, loop_of
+from norton_bench.logs.equation import Problem
 from norton_bench.logs.grid import Stretch
 from norton_bench.logs.motion import Motion
 from norton_bench.logs.results import ErrorFigures
