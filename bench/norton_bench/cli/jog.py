@@ -134,6 +134,8 @@ def _to(
     seed: int | None,
     output: Output,
 ) -> int:
+    from norton_bench.cli.progress import PREPARING  # noqa: PLC0415
+    from norton_bench.events import SessionEvent, SessionState, StateChanged  # noqa: PLC0415
     from norton_bench.jog.hands import Preset  # noqa: PLC0415
     from norton_bench.jog.script import JogScript  # noqa: PLC0415
     from norton_bench.jog.signals import HeldSignals  # noqa: PLC0415
@@ -143,13 +145,19 @@ def _to(
 
     held = HeldSignals(rig, setpoints.words(rig.command.unit), output.say)
     hand = Preset(setpoints, duration_s)
-    output.say("preparing; the very first run compiles for a while")
-    output.say(
-        f"moving: {held.words}, for {duration_s:g} s; torques are switched off at {bounds.speed_rad_s:.4g} rad/s"
-    )
+
+    def on_event(event: SessionEvent) -> None:
+        held(event)
+        match event:
+            case StateChanged(SessionState.PREPARING):
+                output.say(PREPARING)
+            case StateChanged(SessionState.RUNNING):
+                stops = f"torques are switched off at {bounds.speed_rad_s:.4g} rad/s"
+                output.say(f"moving: {held.words}, for {duration_s:g} s; {stops}")
+
     with operator_stop() as stop:
         recording = run_by_hand(
-            rig, JogScript(bounds, hand), out=folder, seed=seed, on_event=held, operator=Nobody(stop)
+            rig, JogScript(bounds, hand), out=folder, seed=seed, on_event=on_event, operator=Nobody(stop)
         )
     return _show(hand, held, recording, output)
 
