@@ -18,7 +18,7 @@ is known; ``law``, the load's alone; ``lag`` of the amplifier: its gain, the lim
 difference over a tick, over its part before a command arrives, and over that after.
 """
 
-from math import ceil, exp
+from math import ceil, exp, expm1
 
 import numpy as np
 from numba import njit
@@ -47,6 +47,22 @@ def slide(force, displacement, coulomb, stiffness):  # type: ignore[no-untyped-d
 def friction(force, velocity, law):  # type: ignore[no-untyped-def]
     """Friction torque [N m] at a velocity, given the contact's force; ``law`` is (B, τc, σ0, σ1)."""
     return force + law[3] * (velocity - abs(velocity) * force / law[1]) + law[0] * velocity
+
+
+@njit(cache=True)
+def friction_over(force, velocity, tick, law):  # type: ignore[no-untyped-def]
+    """Its mean [N m] over a tick at a steady velocity, with the contact's force at the beginning.
+
+    As the force changes by no more than twice τc, so it is bounded where the momentary one is not: a stiff and strongly
+    damped contact that has just been turned round would otherwise push more in a tick than stops the shaft.
+    """
+    sliding = law[2] * abs(velocity) * tick / law[1]  # in lengths over which the contact builds up
+    if sliding == 0.0:
+        return force + law[0] * velocity
+    end = law[1] if velocity > 0.0 else -law[1]
+    gone = -expm1(-sliding)  # of the difference to where the contact's force ends
+    contact = end + (force - end) * gone / sliding
+    return contact + law[3] / law[2] * (end - force) * gone / tick + law[0] * velocity
 
 
 @njit(cache=True)
@@ -297,13 +313,15 @@ def track(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def advance(states, inputs, contacts, commands, command, laws, mobility, step, velocity):  # type: ignore[no-untyped-def]
+def advance(states, inputs, contacts, commands, command, laws, mobility, step, velocity, tick):  # type: ignore[no-untyped-def]
     """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it.
 
     ``mobility`` is one over the actuator's inertia where its friction counts as known, else 0.
     """
     put_first(commands, command)
     inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
-    inputs[0, 2] = -friction(contacts[0, 0], states[0, velocity], laws[0])
-    inputs[0, 3] = -mobility * friction(contacts[1, 0], states[0, velocity], laws[1]) if mobility > 0.0 else 0.0
+    inputs[0, 2] = -friction_over(contacts[0, 0], states[0, velocity], tick, laws[0])
+    inputs[0, 3] = 0.0
+    if mobility > 0.0:
+        inputs[0, 3] = -mobility * friction_over(contacts[1, 0], states[0, velocity], tick, laws[1])
     predict(states, inputs, step)

@@ -213,7 +213,7 @@ class Estimator:
         inertia_kgm2 = self.calibration.actuator_inertia_kgm2
         mobility = 1.0 / inertia_kgm2 if knows_friction and inertia_kgm2 else 0.0
         if mobility != self._mobility:
-            known_nm = core.friction(self.contacts[1, 0], self.states[0, VELOCITY], self.laws[1])
+            known_nm = core.friction_over(self.contacts[1, 0], self.states[0, VELOCITY], self.tick_s, self.laws[1])
             self.states[:, FREE] += (mobility - self._mobility) * known_nm
         self.observer, self._mobility = observer, mobility
 
@@ -264,6 +264,7 @@ class Estimator:
             self._mobility,
             self.observer.step,
             VELOCITY,
+            self.tick_s,
         )
 
     def _compile(self) -> None:

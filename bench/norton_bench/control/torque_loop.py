@@ -122,9 +122,12 @@ class _Laws:
         load[VELOCITY] = c.presliding_damping_nms_rad + c.viscous_damping_nms_rad
         actuator[POSITION] = f.presliding_stiffness_nm_rad
         actuator[VELOCITY] = f.presliding_damping_nms_rad + f.viscous_damping_nms_rad
-        step = observer.step.copy()
-        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE], load)
-        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE + 1], actuator) / self.inertia_kgm2
+        step, middle = observer.step.copy(), np.zeros(WIDTH)
+        middle[VELOCITY] = 0.5 * self.tick_s  # known friction is its mean over the tick
+        over_load = load + c.presliding_stiffness_nm_rad * middle
+        over_actuator = actuator + f.presliding_stiffness_nm_rad * middle
+        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE], over_load)
+        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE + 1], over_actuator) / self.inertia_kgm2
         places = [POSITION, VELOCITY, FREE, FREE_RATE]
         free = np.zeros((4, 4))  # how the free actuator moves
         free[0, 1] = free[2, 3] = 1.0

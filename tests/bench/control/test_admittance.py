@@ -1,5 +1,6 @@
 """The controller on a bench that nobody told it about."""
 
+from dataclasses import replace
 from math import isnan, nan
 
 import numpy as np
@@ -11,7 +12,7 @@ from norton_bench.control.preview import with_preview
 from norton_bench.procedures.waves import Motion, hold, multisine_motion, velocity_steps
 from norton_bench.sample import Target
 from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
-from tests.bench.control.plant import PlantSettings
+from tests.bench.control.plant import ACTUATOR, LOAD, PlantSettings
 from tests.bench.control.runs import (
     TICK_S,
     at_rest,
@@ -56,6 +57,25 @@ def test_quiet_at_rest_on_rigs_of_other_sizes(factor: float, heavier: str) -> No
     """No cycle that feeds on the friction: the port torque stays below one reading's noise."""
     settings = resized(heavier, factor)
     assert zero_torque_rms_nm(settings, hold(0.0, 1.5, TICK_S)) < settings.torque_noise_nm
+
+
+def test_a_contact_calibrated_far_too_stiff_does_not_make_the_observer_diverge() -> None:
+    """Coarse encoders do not resolve a light load's contact: its damping alone would turn the shaft round each tick."""
+    settings = PlantSettings(
+        actuator=replace(ACTUATOR, inertia=1.5e-4, coulomb=5e-3),
+        load=replace(LOAD, inertia=3.6e-5, coulomb=3.7e-3),
+        stiffness=334.0,
+        torque_noise_nm=0.45e-3,
+        counts_per_turn=4096,
+    )
+    stiff = replace(calibrated(settings), presliding_stiffness_nm_rad=185.0, presliding_damping_nms_rad=0.4)
+    plant, controller = warmed_up(settings, stiff)
+    controller.begin(plant.sample(), ZERO_TORQUE, leads=True, mends_rad_s=0.4)
+    for command in 3.0 * slow_command(3000):
+        wish = controller.update(plant.sample(), Target(velocity_rad_s=plant.state[1]))
+        controller.note_sent(wish)
+        plant.step(command, wish)
+        assert abs(wish) < 0.1
 
 
 def test_prescribed_motion_is_followed_while_the_actuator_pushes() -> None:

@@ -83,8 +83,15 @@ def test_against_a_stop_that_nobody_knows_of_it_stays_quiet() -> None:
 
 
 def test_from_a_turning_shaft_it_takes_over_without_a_bump() -> None:
-    """Until then the other observer watched, to which friction was a part of the free acceleration."""
-    settings = PlantSettings()
+    """Until then the other observer watched, to which friction was a part of the free acceleration.
+
+    The median, for a single overshoot is as great as the noise of the last readings has it.
+    """
+    assert np.median([_overshoot(PlantSettings(seed=seed)) for seed in range(1, 6)]) < 1.25
+
+
+def _overshoot(settings: PlantSettings) -> float:
+    """The greatest wish after the takeover, of what takes the load along at this acceleration."""
     plant, controller = warmed_up(settings, knowing(settings))
     wishes = []
     for tick in range(400):
@@ -96,9 +103,7 @@ def test_from_a_turning_shaft_it_takes_over_without_a_bump() -> None:
         wishes.append(controller.update(sample, Target(), Target()) if tick >= 300 else 0.0)
         controller.note_sent(wishes[-1])
         plant.step(0.06, wishes[-1])
-    # What takes the load along at this acceleration, and no more.
-    needed_nm = np.mean(wishes[-50:])
-    assert np.max(np.abs(wishes[300:])) < 1.3 * needed_nm
+    return float(np.max(np.abs(wishes[300:])) / np.mean(wishes[-50:]))
 
 
 def test_margins_tell_which_law_shakes_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,6 +54,24 @@ def test_the_contact_slides_as_dahl_has_it(force: float, displacement: float, st
     assert abs(slid) <= coulomb * (1 + 1e-12)
 
 
+@given(st.floats(-0.008, 0.008), st.floats(-3.0, 3.0), st.floats(1.0, 200.0), st.floats(0.0, 0.2))
+def test_friction_over_a_tick_is_its_mean_and_bounded(
+    force: float, velocity: float, stiffness: float, damper: float
+) -> None:
+    viscous, coulomb = 1e-3, 0.008
+    law = np.array([viscous, coulomb, stiffness, damper])
+    mean = core.friction_over(force, velocity, TICK_S, law)
+
+    def rates(_t: float, state: FloatArray) -> list[float]:
+        slip = velocity - abs(velocity) * state[0] / coulomb
+        return [stiffness * slip, (state[0] + damper * slip + viscous * velocity) / TICK_S]
+
+    flow = solve_ivp(rates, (0, TICK_S), [force, 0.0], method="Radau", rtol=1e-9, atol=1e-12)
+    assert mean == pytest.approx(flow.y[1, -1], rel=1e-6, abs=1e-8)
+    built_up = damper / stiffness * 2 * coulomb / TICK_S  # all that the contact can change by
+    assert abs(mean - viscous * velocity) <= coulomb + built_up + 1e-12
+
+
 @given(st.floats(0.0, 2.5e-3), st.floats(0.05, 0.95))
 def test_the_sampled_bench_is_the_continuous_one(delay_s: float, share: float) -> None:
     """A command changes once, on its way for ``delay_s``; the state within a later tick against scipy."""
