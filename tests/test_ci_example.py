@@ -1,13 +1,16 @@
-"""The example workflow: what its steps run, run as it stands, on the package as it stands."""
+"""The example workflow: what its steps run, run as it stands, on the package as it stands and a rig at half its rate."""
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
+
+from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[1]
 WORKFLOW = (ROOT / "examples" / "ci" / "norton-bench.yml").read_text()
@@ -20,11 +23,15 @@ STEPS = dict(re.findall(r"^ +- name: (.+)\n +run: (.+)$", WORKFLOW, re.MULTILINE
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What all steps but the installation leave."""
     folder = tmp_path_factory.mktemp("ci")
+    here = folder / "examples" / "ci"
+    shutil.copytree(ROOT / "examples" / "ci", here, ignore=shutil.ignore_patterns("__pycache__"))
+    (folder / "rigs").mkdir()
+    (folder / "rigs" / "sim-odrive.toml").write_text(half_rate_text("sim-odrive"), encoding="utf-8")
     environment = {
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
-        "HERE": str(ROOT / "examples" / "ci"),
+        "HERE": str(here),
         # As if installed, also where the installation is older than the plugin.
         "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
         "PYTEST_ADDOPTS": f"-p norton_bench.pytest_plugin -c {os.devnull} --rootdir . -p no:cacheprovider",

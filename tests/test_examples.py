@@ -12,6 +12,7 @@ from norton_bench.errors import RigError
 from norton_bench.rig.load import load_rig
 from norton_bench.session.program import make_experiment
 from norton_bench.session.schema import load_session
+from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[1]
 SHORT = """\
@@ -27,9 +28,19 @@ duration = "2 s"
 """
 
 
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With the examples and, beside them, the rigs they name, at half their rate: as good for what is looked at."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    (tmp_path / "rigs").mkdir()
+    for name in ("sim-odrive", "sim-free-shaft"):
+        (tmp_path / "rigs" / f"{name}.toml").write_text(half_rate_text(name), encoding="utf-8")
+    return tmp_path
+
+
 def example(name: str, *arguments: object, folder: Path) -> str:
     """What ``examples/<name>`` prints."""
-    return printed_by(ROOT / "examples" / name, *arguments, folder=folder)
+    return printed_by(folder / "examples" / name, *arguments, folder=folder)
 
 
 def printed_by(script: Path, *arguments: object, folder: Path) -> str:
@@ -48,15 +59,15 @@ def printed_by(script: Path, *arguments: object, folder: Path) -> str:
     return done.stdout
 
 
-def test_identify_prints_parameters_and_its_network_can_be_used(tmp_path: Path) -> None:
-    session = tmp_path / "short.toml"
-    session.write_text(SHORT.format(rig=ROOT / "rigs" / "sim-free-shaft.toml"))
-    said = example("identify.py", session, folder=tmp_path)
+def test_identify_prints_parameters_and_its_network_can_be_used(folder: Path) -> None:
+    session = folder / "short.toml"
+    session.write_text(SHORT.format(rig=folder / "rigs" / "sim-free-shaft.toml"))
+    said = example("identify.py", session, folder=folder)
     assert re.search(r"amplifier_bandwidth +(5[4-9]\d|6[0-5]\d)(\.\d+)? ± .* rad/s \(valid\)", said)
     assert "(ratio only)" in said
     network = re.search(r"^network +(\S+\.network\.json)$", said, re.MULTILINE)
     assert network is not None
-    used = example("use_network.py", network[1], folder=tmp_path)
+    used = example("use_network.py", network[1], folder=folder)
     # τc / (Km Ka): what no scale is needed for.
     low, high = re.findall(r"breaks away at commands of (\S+) and (\S+) N\*m", used)[0]
     assert -float(low) == float(high) == pytest.approx(0.02 / 0.9, rel=0.03)
@@ -64,15 +75,15 @@ def test_identify_prints_parameters_and_its_network_can_be_used(tmp_path: Path) 
     assert velocity == pytest.approx(0.02 / 1e-3, rel=0.05)
 
 
-def test_own_session_finds_the_heavier_actuator(tmp_path: Path) -> None:
-    said = example("own_session.py", 1, folder=tmp_path)
+def test_own_session_finds_the_heavier_actuator(folder: Path) -> None:
+    said = example("own_session.py", 1, folder=folder)
     value, std = map(float, re.findall(r"inertia (\S+) ± (\S+) kg\*m\^2, where 8e-05 is true", said)[0])
     assert value == pytest.approx(8e-5, rel=0.03)
     assert 0 < std < 0.03 * 8e-5
 
 
-def test_own_script_goes_on_until_friction_is_known(tmp_path: Path) -> None:
-    said = example("own_script.py", 0.03, folder=tmp_path)
+def test_own_script_goes_on_until_friction_is_known(folder: Path) -> None:
+    said = example("own_script.py", 0.03, folder=folder)
     value, plus_minus, rounds = re.findall(
         r"coulomb_torque = (\S+) ± (\S+) N\*m \(valid\) after (\d) round\(s\)", said
     )[0]
@@ -81,21 +92,20 @@ def test_own_script_goes_on_until_friction_is_known(tmp_path: Path) -> None:
     assert 1 <= int(rounds) <= 5
 
 
-def test_the_script_in_the_docs_runs_as_printed(tmp_path: Path) -> None:
-    (tmp_path / "rigs").symlink_to(ROOT / "rigs")
+def test_the_script_in_the_docs_runs_as_printed(folder: Path) -> None:
     (text,) = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "scripting.md").read_text(encoding="utf-8"), re.DOTALL
     )
-    script = tmp_path / "friction.py"
+    script = folder / "friction.py"
     script.write_text(text.replace("seed=1", "seed=1, live=False"), encoding="utf-8")  # the same in half of the time
-    said = printed_by(script, folder=tmp_path)
+    said = printed_by(script, folder=folder)
     value = re.fullmatch(r"coulomb_torque = (\S+) ± \S+ N\*m \(valid\)\n", said)
     assert value is not None, said
     assert float(value[1]) == pytest.approx(0.02, rel=0.01)
 
 
-def test_networks_shows_one_actuator_in_four_shapes_a_muscle_and_an_arm(tmp_path: Path) -> None:
-    said = example("networks.py", folder=tmp_path)
+def test_networks_shows_one_actuator_in_four_shapes_a_muscle_and_an_arm(folder: Path) -> None:
+    said = example("networks.py", folder=folder)
     # A spring that is its source's match is moved half of its way, to within what 1 s leaves of the oscillation.
     places = [float(place) for place in re.findall(r"is moved to (\S+) rad", said)]
     assert len(places) == 4

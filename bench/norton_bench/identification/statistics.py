@@ -240,19 +240,22 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
         return 0.0
     scaled, own = (values - values.mean()) / reach, variances / reach**2
 
-    def doubt(spread: float) -> float:
-        return float(_restricted_doubt(scaled, own + spread**2))
+    def doubt(spreads: FloatArray) -> FloatArray:
+        return _restricted_doubt(scaled, own + spreads[:, None] ** 2)
 
     return least(doubt, LEAST_SPREAD, GREATEST_SPREAD, NODES) ** 2 * reach**2
 
 
-def least(doubt: Callable[[float], float], low: float, high: float, trials: int) -> float:
-    """The positive value with the least doubt: the best of a geometric scan, then refined; 0 if zero is no worse."""
+def least(doubt: Callable[[FloatArray], FloatArray], low: float, high: float, trials: int) -> float:
+    """The positive value with the least doubt: the best of a geometric scan, then refined; 0 if zero is no worse.
+
+    ``doubt`` is told several values at once, (n,), and returns that of each.
+    """
     nodes = np.linspace(np.log(low), np.log(high), trials)
-    best = int(np.argmin([doubt(float(np.exp(node))) for node in nodes]))
+    best = int(np.argmin(doubt(np.exp(nodes))))
     bounds = (nodes[max(best - 1, 0)], nodes[min(best + 1, trials - 1)])
-    result = minimize_scalar(lambda logarithm: doubt(float(np.exp(logarithm))), bounds=bounds, method="bounded")
-    return float(np.exp(result.x)) if result.fun < doubt(0.0) else 0.0
+    result = minimize_scalar(lambda node: float(doubt(np.exp([node]))[0]), bounds=bounds, method="bounded")
+    return float(np.exp(result.x)) if result.fun < doubt(np.zeros(1))[0] else 0.0
 
 
 def _restricted_doubt(values: FloatArray, totals: FloatArray) -> FloatArray:

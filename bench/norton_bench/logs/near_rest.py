@@ -119,9 +119,16 @@ class NearRest:
 
 def likeliest_excess(residual: FloatArray, share: FloatArray) -> float:
     """The λ of a residual (n,) with the least doubt."""
-    if not np.any(share > 0):
+    near = share > 0
+    if not np.any(near):
         return 0.0
-    return least(lambda excess: doubt(residual, share, excess), LEAST, MOST, TRIALS)
+    # Far from rest the variance is one, whatever λ is.
+    far, own, squares = float(np.sum(residual[~near] ** 2)), share[near], residual[near] ** 2
+
+    def doubts(excesses: FloatArray) -> FloatArray:
+        return np.array([_doubt(far, squares, 1.0 + excess * own, residual.size) for excess in excesses])
+
+    return least(doubts, LEAST, MOST, TRIALS)
 
 
 def one_sided(excess: float, share: FloatArray) -> float:
@@ -143,8 +150,14 @@ def one_sided(excess: float, share: FloatArray) -> float:
 
 def doubt(residual: FloatArray, share: FloatArray, excess: float) -> float:
     """Of a residual (n,) whose variance is 1 + ``excess`` · ``share`` (n,) times one that is the likeliest."""
-    variance = 1.0 + excess * share
-    return float(np.mean(np.log(variance)) + np.log(max(float(np.mean(residual**2 / variance)), 1e-300)))
+    return _doubt(0.0, residual**2, 1.0 + excess * share, residual.size)
+
+
+def _doubt(far: float, squares: FloatArray, variance: FloatArray, rows: int) -> float:
+    """The same from ``squares`` and ``variance`` of some of so many ``rows``; the others have the sum of squares
+    ``far``, and the variance one."""
+    mean_square = (far + float(np.sum(squares / variance))) / rows
+    return float(np.sum(np.log(variance)) / rows + np.log(max(mean_square, 1e-300)))
 
 
 def _shares(problem: Problem, near: Sequence[BoolArray]) -> FloatArray:

@@ -104,18 +104,21 @@ class Bench:
     departs: Departs = Departs()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def departed(a, departs, ia, wa, ta, port, time):
     """Friction's bound, the motor's torque and the viscous damping, there and then."""
-    fade = departs[0] * (1 - np.exp(-((wa / departs[1]) ** 2)))
+    # What is nought takes no time: exponentials and cosines are most of it.
+    fade = departs[0] * (1 - np.exp(-((wa / departs[1]) ** 2))) if departs[0] != 0.0 else 0.0
+    place = departs[7] * np.cos(3 * ta) if departs[7] != 0.0 else 0.0
+    ripple = departs[6] * np.cos(14 * ta) if departs[6] != 0.0 else 0.0
     bound = a[4] * (1 - fade) * (1 + departs[2] * np.sign(wa)) * (1 + departs[10] * time)
-    bound = bound * (1 + departs[7] * np.cos(3 * ta)) + departs[3] * abs(port)
-    motor = ia * (1 + departs[6] * np.cos(14 * ta)) * (1 + departs[9] * time)
+    bound = bound * (1 + place) + departs[3] * abs(port)
+    motor = ia * (1 + ripple) * (1 + departs[9] * time)
     motor /= 1 + departs[4] * (ia / a[0]) ** 2
     return bound, motor, a[3] * (1 + departs[8] * time) + departs[5] * abs(wa)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def motor_of(departs, tq, wq, ta, wa, port):
     """What the motor carries, its own angle and velocity: those of the port where no spring is between."""
     if departs[11] > 0.0:
@@ -123,7 +126,7 @@ def motor_of(departs, tq, wq, ta, wa, port):
     return port, ta, wa
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command, v_ref, x_ref, ff, phases, jitter):
     """One tick at a time; returns samples at the devices' phases and the true port torque."""
     ticks = command.size
@@ -133,6 +136,7 @@ def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command
     ca = cl = integral = x0 = 0.0
     sent_l = np.zeros(ticks)
     delay = 25
+    lag_a, lag_b = 1 - np.exp(-a[1] * dt), 1 - np.exp(-b[1] * dt)
     for n in range(ticks):
         if mode[n] == 2:
             want = load_command[n]
@@ -154,14 +158,14 @@ def simulate(a, b, k, d, cogging, departs, released, mode, command, load_command
             if j == delay + jitter[n, 1]:
                 cl = want
             port = k * (ta - tl) + d * (wa - wl)
-            ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * (1 - np.exp(-a[1] * dt))
-            il += (b[0] * cl - il) * (1 - np.exp(-b[1] * dt))
+            ia = 0.0 if released and ca == 0.0 else ia + (a[0] * ca - ia) * lag_a
+            il += (b[0] * cl - il) * lag_b
             carried, tq, wq = motor_of(departs, tq, wq, ta, wa, port)
             bound, motor, viscous = departed(a, departs, ia, wq, tq, carried, (n + j / 100) * 1e-3)
             sa, sl = a[5] / bound, b[5] / b[4]
             # friction at the present velocity, σ1 taken implicitly
             ra, rl = a[6] * (1 - (fa / bound) * np.sign(wq)), b[6] * (1 - (fl / b[4]) * np.sign(wl))
-            push = motor - carried - fa - cogging * np.sin(42 * tq)
+            push = motor - carried - fa - (cogging * np.sin(42 * tq) if cogging != 0.0 else 0.0)
             wq = (wq + dt * push / a[2]) / (1 + dt * (viscous + ra) / a[2])
             wa = wa + dt * (carried - port) / departs[13] if departs[11] > 0.0 else wq
             wl = (wl + dt * (il + port - fl) / b[2]) / (1 + dt * (b[3] + rl) / b[2])

@@ -1,4 +1,4 @@
-"""Every derived figure against the motor simulated for what it says, by scipy's Radau: never its own formula."""
+"""Every derived figure against the motor simulated for what it says, by scipy: never its own formula."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -57,7 +57,7 @@ def friction(velocity: float, phi: float) -> tuple[float, float]:
 
 
 def integrated(rates: Callable[[float, np.ndarray], list[float]], start: list[float], end_s: float, **more):
-    return solve_ivp(rates, (0.0, end_s), start, method="Radau", rtol=1e-8, atol=1e-11, **more)
+    return solve_ivp(rates, (0.0, end_s), start, method="LSODA", rtol=1e-10, atol=1e-13, **more)
 
 
 def free(end_s: float, command: Callable[[float], float], port_nm: Callable[[float], float], **more):
