@@ -1,4 +1,4 @@
-"""The example workflow: what its steps run, run as it stands, on the package as it stands and a rig at half its rate."""
+"""The example workflow: what its steps run, run as it stands, on a rig at half its rate."""
 
 import os
 import re
