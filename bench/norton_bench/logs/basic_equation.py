@@ -67,7 +67,7 @@ class Basic:
     def of(cls, problem: Problem) -> "Basic":
         equation, rows = problem.equation, problem.train
         velocity = equation.path.velocity
-        columns = friction_columns(problem)[:, rows]
+        columns = basic_columns(problem)[:, rows]
         target = equation.target[rows]
         linear = linear_solution(columns, target)
         residual = target - linear @ columns
@@ -152,7 +152,7 @@ def _left(columns: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - linear_solution(columns, values) @ columns)
 
 
-def friction_columns(problem: Problem) -> FloatArray:
+def basic_columns(problem: Problem) -> FloatArray:
     """Those of the equation, then viscous and Coulomb friction, shape (columns, n)."""
     velocity = problem.equation.path.velocity
     friction = problem.equation.process(np.stack([velocity, np.sign(velocity)]))

@@ -18,8 +18,8 @@ from norton_bench.logs.basic_equation import (
     SIGNIFICANT,
     UNEXPLAINED,
     Basic,
+    basic_columns,
     basic_of,
-    friction_columns,
     rms,
     variation,
 )
@@ -143,7 +143,7 @@ def hanging(problem: Problem, left: float, column_map: ColumnMap) -> Iterator[st
     angle = equation.path.position
     weight = equation.process(np.stack([np.sin(angle), np.cos(angle)]))
     alone = np.concatenate([weight, np.ones((1, weight.shape[1]))])[:, rows]
-    columns, target = np.concatenate([friction_columns(problem), weight])[:, rows], equation.target[rows]
+    columns, target = np.concatenate([basic_columns(problem), weight])[:, rows], equation.target[rows]
     beside, by_angle = (
         rms(target - linear_solution(each, target) @ each) / max(variation(problem), 1e-300)
         for each in (columns, alone)
