@@ -9,13 +9,12 @@ from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import minimum_filter1d
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import standstill
 from norton_bench.identification.counts import SMALLEST_STEP_RAD
-from norton_bench.identification.readings import LATE_READINGS, nominal_period_s, one_a_period, sampled_at_s
+from norton_bench.identification.readings import least_to_come, nominal_period_s, one_a_period, sampled_at_s
 from norton_bench.identification.redundancy import (
     contradictions,
     in_order,
@@ -222,10 +221,10 @@ def placed_by_commands(table: Table, commanded_ns: IntArray) -> Table:
     command = np.searchsorted(commanded_ns, latest_ns, side="right") - 1
     # What a stalled host hands over at once answers one command each.
     counted = command - np.arange(command.size)
-    command = np.arange(command.size) + minimum_filter1d(counted, LATE_READINGS, origin=-(LATE_READINGS // 2))
-    placed = table.copy()
-    placed["device_ns"] = commanded_ns[np.maximum(command, 0)]
-    return placed[command >= 0]
+    command = np.arange(command.size) + least_to_come(counted)
+    placed: Table = table[command >= 0]
+    placed["device_ns"] = commanded_ns[command[command >= 0]]
+    return placed
 
 
 def _since_s(table: Table, origin_ns: int) -> FloatArray:

@@ -334,22 +334,21 @@ def friction_bank(position: FloatArray, last: float, s: FloatArray, h: FloatArra
 
 
 @njit(cache=True, nogil=True)
-def count_readings(arrival: FloatArray, period: float, patience: int) -> FloatArray:
-    """Numbers of readings on their device's clock, from arrivals in seconds.
+def count_readings(lag: FloatArray, period: float) -> FloatArray:
+    """Numbers of readings on their device's clock, (n,).
 
-    A lost reading delays all that follow, a late one only itself: only what ``patience`` readings share is a loss.
+    ``lag`` [s] is how much later each came than by their count alone, without what was only late. A lost reading delays
+    all that follow.
     """
-    numbers = np.empty(arrival.size)
-    skipped, baseline = 0.0, arrival[0]
-    for k in range(arrival.size):
-        lag = np.inf
-        for j in range(k, min(k + patience, arrival.size)):
-            lag = min(lag, arrival[j] - (j + skipped) * period)
-        lost = round((lag - baseline) / period)
-        if k > 0 and lost > 0:
+    numbers = np.empty(lag.size)
+    skipped, baseline = 0.0, lag[0]
+    for k in range(lag.size):
+        left = lag[k] - skipped * period
+        lost = round((left - baseline) / period)
+        if lost > 0:
             skipped += lost
-            lag -= lost * period
+            left -= lost * period
         # The two clocks drift apart slowly, and the period is not known to the last digit.
-        baseline = lag if k == 0 else baseline + 0.02 * (lag - baseline)
+        baseline += 0.02 * (left - baseline)
         numbers[k] = k + skipped
     return numbers

@@ -2,12 +2,16 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import minimum_filter1d
 
 from norton_bench.arrays import FloatArray, IntArray
 from norton_bench.records import Table
+
+Lags = TypeVar("Lags", FloatArray, IntArray)
 
 # Two clocks drift apart by parts in a million, and the drift itself changes over tens of seconds.
 KNOT_S = 20.0
@@ -19,8 +23,9 @@ BENDS_S = 12e-6
 DELAY_BLOCK = 256
 # After a silence longer than this many periods, the count of readings cannot be trusted and starts anew.
 LONGEST_COUNTED_GAP = 50
-# A stalled host hands over at most so many readings at once; later than that they were lost.
-LATE_READINGS = 40
+# Readings that are late come in the end, lost ones never: so many that follow are asked. A host that stalls for
+# LONGEST_COUNTED_GAP hands over as many late ones, and it stalls several times in a row.
+LATE_READINGS = 10 * LONGEST_COUNTED_GAP
 FEW_READINGS = 8
 TRIMMED_ROUNDS = 4
 TRIMMED_AT = 3.0
@@ -112,7 +117,13 @@ def count_readings(arrival_s: FloatArray, period_s: float) -> FloatArray:
     """The number of each reading on its device's clock (n,): neighbours one apart, or more where some were lost."""
     from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
 
-    return np.asarray(loops.count_readings(arrival_s, period_s, LATE_READINGS))
+    return np.asarray(loops.count_readings(least_to_come(arrival_s - np.arange(arrival_s.size) * period_s), period_s))
+
+
+def least_to_come(lags: Lags) -> Lags:
+    """The least of each lag (n,) and the next LATE_READINGS: what all of them share is a loss, not lateness."""
+    result: Lags = minimum_filter1d(lags, LATE_READINGS, origin=-(LATE_READINGS // 2), mode="nearest")
+    return result
 
 
 def _on_host_clock(device_s: FloatArray, arrival_s: FloatArray) -> FloatArray:

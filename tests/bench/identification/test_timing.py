@@ -62,6 +62,26 @@ def test_a_stalled_host_does_not_bend_the_clock():
     assert np.max(np.abs(found_s - taken_s - 4e-4)) < 2e-5
 
 
+@given(
+    st.integers(0, 10_000),
+    st.lists(st.integers(8, 48), min_size=1, max_size=4),
+    st.lists(st.integers(0, 9), max_size=4),
+    st.sets(st.integers(100, 3900), max_size=3),
+)
+@settings(max_examples=40)
+def test_whatever_is_handed_over_late_is_not_taken_for_lost(seed, stalls, in_time_between, lost):
+    rng = np.random.default_rng(seed)
+    taken_s = np.arange(4000) * 1e-3
+    arrival_ns = arrivals(taken_s, rng)
+    start = 2000
+    for count, in_time in zip(stalls, [*in_time_between, 0, 0, 0, 0], strict=False):
+        arrival_ns[start : start + count] = arrival_ns[start + count]
+        start += count + in_time
+    kept = np.setdiff1d(np.arange(4000), sorted(lost))
+    found_s = sampled_at_s(arrival_ns[kept], None, 0)
+    assert np.max(np.abs(found_s - taken_s[kept] - 4e-4)) < 5e-5
+
+
 def test_a_pause_of_the_stream_starts_the_count_anew():
     rng = np.random.default_rng(2)
     taken_s = np.concatenate([np.arange(2000) * 1e-3, 10.0003 + np.arange(2000) * 1e-3])
