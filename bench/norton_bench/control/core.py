@@ -8,7 +8,8 @@ Calling costs more than computing, so that a tick makes few calls: :func:`sense`
   load [N m] and the actuator's free acceleration [rad/s²];
 - ``contacts`` (2, 2), the load's and the actuator's: force of its friction contact [N m], and the load's position
   [rad] at which it was that;
-- ``clocks`` (3, 4), of each reading: last arrival without its jitter, period [s], readings behind both, and strays;
+- ``clocks`` (3, 5), of each reading: last arrival without its jitter, period [s], readings behind both, strays, and
+  periods by which the last of them was late;
 - ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
 - ``feed``: what the shares alone make the amplifier deliver now, and when the next command arrives [N m];
 - ``path``: the contact's force along the reference [N m], and velocity and acceleration of its last instant.
@@ -26,9 +27,9 @@ from numba import njit
 # The clock of a stream forgets readings older than about so many.
 CLOCK_READINGS = 200.0
 # After so many its period is known, and a reading half a period off is a stray. So many in a row are a new beginning,
-# and so is one so many periods off: nobody listened for a while.
+# and so are two that are equally off by more than so many periods: nobody listened for a while.
 SETTLED_READINGS, STRAYS, FAR_PERIODS = 20.0, 3.0, 10.0
-# One that is off by whole periods, to this part of one, is none: readings were lost.
+# One that is off by whole periods, to this part of one, is none if the next one is, too: readings were lost.
 WHOLE = 0.1
 # Steps in which the free motion is foreseen over the load's delay: friction turns round within a third of it.
 STEPS_AHEAD = 8
@@ -67,34 +68,39 @@ def friction_over(force, velocity, tick, law):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def steady_arrival(clock, arrival, count):  # type: ignore[no-untyped-def]
-    """When a reading of a device that samples steadily would have arrived without jitter [s].
+    """Whether it is known when the last reading of a device that samples steadily was true; ``clock`` says when.
 
-    ``count`` readings came, the last of them at ``arrival``. ``clock`` is that of the last reading, the period, how
-    many readings both rest on, and how many strays there were in a row: a straight line through all readings at first,
-    later one that forgets (expanding, then fading memory). What was held up on its way says nothing of the clock.
+    ``count`` readings came, the last of them at ``arrival``. ``clock`` is when the last reading would have arrived
+    without jitter, the period, how many readings both rest on, how many strays there were in a row, and by how many
+    periods the last stray was late: a straight line through all readings at first, later one that forgets (expanding,
+    then fading memory). What was held up on its way says nothing of the clock. One that is late by whole periods, or by
+    many, was held up, or those before it were lost: the next one tells, for lost readings leave all later ones as late,
+    and what was held up comes at once.
     """
     if clock[2] < 1.0:
         clock[0], clock[2] = arrival, 1.0
-        return arrival
+        return True
     expected = clock[0] + count * clock[1]
     late = arrival - expected
-    if clock[2] > SETTLED_READINGS:
-        periods = np.floor(late / clock[1] + 0.5)
-        if abs(late - periods * clock[1]) < WHOLE * clock[1]:
-            expected += periods * clock[1]
-            late = arrival - expected
     if clock[2] > SETTLED_READINGS and abs(late) > 0.5 * clock[1]:
-        clock[0] = expected
-        clock[3] += 1.0
-        if clock[3] > STRAYS or abs(late) > FAR_PERIODS * clock[1]:
-            clock[0], clock[2], clock[3] = arrival, SETTLED_READINGS + 1.0, 0.0
-        return clock[0]
+        periods = np.floor(late / clock[1] + 0.5)
+        again = clock[3] > 0.0 and periods == clock[4]
+        whole = abs(late - periods * clock[1]) < WHOLE * clock[1]
+        far = abs(late) > FAR_PERIODS * clock[1]
+        if not (again and whole):
+            clock[0], clock[3], clock[4] = expected, clock[3] + 1.0, periods
+            if (again and far) or clock[3] > (SETTLED_READINGS if far else STRAYS):
+                clock[0], clock[2], clock[3] = arrival, SETTLED_READINGS + 1.0, 0.0
+                return True
+            return not (whole or far)
+        expected += periods * clock[1]
+        late = arrival - expected
     n = min(clock[2], CLOCK_READINGS)
     clock[0] = expected + 2.0 * (2.0 * n + 1.0) / ((n + 1.0) * (n + 2.0)) * late
     clock[1] += 6.0 / ((n + 1.0) * (n + 2.0)) * late / count
     clock[2] += 1.0
     clock[3] = 0.0
-    return clock[0]
+    return True
 
 
 @njit(cache=True)
@@ -132,7 +138,7 @@ def sense(states, inputs, contacts, clocks, readings, ages, delays, counts, now,
     for output in range(3):
         fresh[output] = counts[output] > 0
         if fresh[output]:
-            steady_arrival(clocks[output], now - ages[output], counts[output])
+            fresh[output] = steady_arrival(clocks[output], now - ages[output], counts[output])
         since[output] = delays[output] + now - clocks[output, 0]  # a late tick may see readings from after it
     correct(states, inputs, readings, since, fresh, tick, rows, gain)
     for side in range(2):

@@ -187,7 +187,7 @@ class Estimator:
         self.laws = friction_laws(c)
         self.friction_law = self.laws[0]
         self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
-        self._clocks, self._begun_ns = np.zeros((3, 4)), 0
+        self._clocks, self._begun_ns = np.zeros((3, 5)), 0
         self.contacts = np.zeros((2, 2))  # load's, actuator's: its force [N m], and the load's position at which it was
         self.contact = self.contacts[0]
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))

@@ -151,6 +151,13 @@ class Plant:
         self._flying: list[tuple[float, int, float]] = []
         self._known = [(np.nan, -1.0)] * 3
         self._velocity = [0.0, 0.0]
+        self._held_from, self._held_until = 0.0, 0.0
+        self._held: set[int] = set()
+
+    def hold_readings(self, for_s: float) -> None:
+        """What arrives in the next ``for_s`` comes at their end: one of each signal, and the others within a tick."""
+        self._held_from, self._held_until = self.now, self.now + for_s
+        self._held.clear()
 
     def sample(self) -> Sample:
         count = [0] * 3
@@ -204,6 +211,11 @@ class Plant:
             else:
                 value = np.floor((actuator if which == 1 else load) / count) * count
                 delay = s.can_delay_s + self._rng.uniform(0, s.can_jitter_s)
-            self._flying.append((self._next[which] + delay, which, float(value)))
+            arrival = self._next[which] + delay
+            if self._held_from < arrival < self._held_until:
+                first = which not in self._held
+                self._held.add(which)
+                arrival = self._held_until + (0.0 if first else 0.5 * self.tick_s)
+            self._flying.append((arrival, which, float(value)))
             self._next[which] += self._period[which]
         self._velocity = [float(self.state[1]), float(self.state[5])]

@@ -21,6 +21,7 @@ from tests.bench.control.runs import (
     network_of,
     resized,
     slow_command,
+    target_at,
     undriven_rms_nm,
     warmed_up,
     zero_torque_rms_nm,
@@ -86,6 +87,26 @@ def test_prescribed_motion_is_followed_while_the_actuator_pushes() -> None:
     error = velocity - motion.velocity_rad_s
     assert np.std(error[200:]) < 0.04 * np.std(motion.velocity_rad_s)
     assert np.max(np.abs(position - motion.position_rad)) < 0.05
+
+
+@pytest.mark.parametrize("held_s", [5.3e-3, 12.1e-3, 12.7e-3, 20.1e-3, 20.7e-3])
+def test_readings_that_a_bus_holds_back_do_not_upset_a_turning_shaft(held_s: float) -> None:
+    """All of them come, only late: nothing is lost but the time in which the motion is not mended."""
+    settings = PlantSettings()
+    plant, controller = warmed_up(settings, calibrated(settings))
+    base_rad = plant.sample().load_position_rad
+    motion = velocity_steps(np.array([40.0]), 0.2, 0.8, TICK_S)
+    controller.begin(plant.sample(), PRESCRIBED_MOTION)
+    errors = []
+    for tick in range(900):
+        if tick == 500:
+            plant.hold_readings(held_s)
+        near, far = (target_at(motion, base_rad, at) for at in (tick, tick + controller.lead_ticks))
+        wish = controller.update(plant.sample(), near, far)
+        controller.note_sent(wish)
+        plant.step(0.0, wish)
+        errors.append(plant.state[5] - motion.velocity_rad_s[tick])
+    assert np.max(np.abs(errors[490:])) < 3.0
 
 
 def test_velocity_steps_settle_on_the_velocity() -> None:
