@@ -6,25 +6,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from norton_bench.errors import ExitCode
-from norton_bench.identification.conditions import Condition
-from norton_bench.identification.ladder import Rung
-from norton_bench.identification.model_error import ModelError
-from norton_bench.identification.residual_tests import ResidualTests
-from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
-from norton_bench.identification.without_model import WithoutModel
-from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameter_result import ExpectationResult, ParameterResult, parameter_result
-from norton_bench.procedures.knowledge import Knowledge
-from norton_bench.recording.contents import RecordedEstimates
-from norton_bench.records import Measured
 from norton_bench.units import Units
 
-if TYPE_CHECKING:  # of steps that few sessions have
+if TYPE_CHECKING:  # what produces them is slow to import
+    from norton_bench.identification.conditions import Condition
     from norton_bench.identification.exertion_table import ExertionTable
     from norton_bench.identification.in_situ import InSituResult
+    from norton_bench.identification.ladder import Rung
+    from norton_bench.identification.model_error import ModelError
     from norton_bench.identification.modulation import ModulatorPlaces
+    from norton_bench.identification.residual_tests import ResidualTests
+    from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
     from norton_bench.identification.source_table import SourceTable
     from norton_bench.identification.trials import TrialFigures
+    from norton_bench.identification.without_model import WithoutModel
+    from norton_bench.models.network import NortonNetwork
+    from norton_bench.procedures.knowledge import Knowledge
+    from norton_bench.recording.contents import RecordedEstimates
+    from norton_bench.records import Measured
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,22 @@ class Result:
     rig_text: str = ""
     metadata: Mapping[str, str] = field(default_factory=dict)
     recording: Path | None = None
-    measured: Measured | None = None
-    live: Sequence[LiveEstimate | RecordedEstimates] = ()
-    knowledge: Knowledge | None = None
+    measured: "Measured | None" = None
+    live: "Sequence[LiveEstimate | RecordedEstimates]" = ()
+    knowledge: "Knowledge | None" = None
     notes: Sequence[str] = ()
-    fit: FitResult | None = None
-    validation: Validation | None = None
-    model_error: ModelError | None = None
-    source_map: SourceMap | None = None
-    blocked_map: BlockedMap | None = None
+    fit: "FitResult | None" = None
+    validation: "Validation | None" = None
+    model_error: "ModelError | None" = None
+    source_map: "SourceMap | None" = None
+    blocked_map: "BlockedMap | None" = None
     source: "SourceTable | None" = None
     exertion: "ExertionTable | None" = None
     modulator: "ModulatorPlaces | None" = None
-    without_model: WithoutModel | None = None
-    residuals: ResidualTests | None = None
-    conditions: Sequence[Condition] = ()
-    ladder: Sequence[Rung] = ()
+    without_model: "WithoutModel | None" = None
+    residuals: "ResidualTests | None" = None
+    conditions: "Sequence[Condition]" = ()
+    ladder: "Sequence[Rung]" = ()
     trials: "Sequence[TrialFigures]" = ()
     in_situ: "InSituResult | None" = None
     expectations: Sequence[ExpectationResult] = ()
@@ -73,7 +73,7 @@ class Result:
         return Units(self.command_unit, self.metadata.get("modulation_unit", ""))
 
     @property
-    def network(self) -> NortonNetwork | None:
+    def network(self) -> "NortonNetwork | None":
         return self.fit.network if self.fit is not None else None
 
     @property

@@ -7,6 +7,10 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 
+# The steps that measure tables, and how the names of the segments begin in which something is read.
+TABULATE_SOURCE, TABULATE_IMPEDANCE = "tabulate_source", "tabulate_impedance"
+READ, HOLD = "read", "hold"
+
 
 class LoadMode(Enum):
     """What the load drive does during a segment."""

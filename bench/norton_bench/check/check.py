@@ -9,7 +9,6 @@ import numpy as np
 
 from norton_bench.check.buses import check_bus, contradictory, remarks_on
 from norton_bench.check.lines import check_lines, explain_silent_line
-from norton_bench.check.moving import announcement, check_moving
 from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, Problem, RigCheck, Survey
 from norton_bench.check.watch import (
     Watched,
@@ -22,7 +21,8 @@ from norton_bench.check.watch import (
     watch,
 )
 from norton_bench.errors import BenchError, ExperimentError, OperatorStopError, RigError
-from norton_bench.loop.loop import never_stop
+from norton_bench.loop.stop_word import never_stop
+from norton_bench.on_demand import deferred
 from norton_bench.rig.driver_options import wrong_unit_of
 from norton_bench.rig.rig import Rig
 from norton_drivers.adapters.table import remarks as link_remarks
@@ -36,6 +36,9 @@ from norton_drivers.wiring import CanBusSettings, DeviceSettings
 
 WATCH_S = 1.0
 SIMULATED = "simulated"  # a backend that opens nothing outside of this program
+
+announcement = deferred("norton_bench.check.moving:announcement")
+check_moving = deferred("norton_bench.check.moving:check_moving")
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ from norton_bench.check.survey import Problem
 from norton_bench.errors import ExperimentError
 from norton_bench.guard.guard import Guard
 from norton_bench.loop.devices import Devices, open_devices
-from norton_bench.loop.loop import Loop, never_stop
+from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
+from norton_bench.loop.stop_word import never_stop
 from norton_bench.procedures.tare import (
     MOVING,
     REST_S,

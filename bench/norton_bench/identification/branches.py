@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import isotonic_regression
+import scipy
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import f_tail
@@ -138,7 +137,7 @@ class Hysteresis:
         return abs(self.difference_rad_s) > self.band_rad_s
 
 
-def monotone(command: FloatArray, velocity: FloatArray) -> PchipInterpolator:
+def monotone(command: FloatArray, velocity: FloatArray) -> "scipy.interpolate.PchipInterpolator":
     """The monotonic curve next to the points (their order does not matter); NaN outside them.
 
     Raises ValueError for fewer than two different commands.
@@ -149,8 +148,8 @@ def monotone(command: FloatArray, velocity: FloatArray) -> PchipInterpolator:
     count = np.bincount(place).astype(float)
     mean = np.bincount(place, velocity) / count
     increasing = bool(np.dot(levels - levels.mean(), mean) >= 0)
-    return PchipInterpolator(
-        levels, isotonic_regression(mean, weights=count, increasing=increasing).x, extrapolate=False
+    return scipy.interpolate.PchipInterpolator(
+        levels, scipy.optimize.isotonic_regression(mean, weights=count, increasing=increasing).x, extrapolate=False
     )
 
 

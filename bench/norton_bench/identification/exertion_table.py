@@ -27,10 +27,10 @@ from norton_bench.identification.averages import (
 from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.segments import Use
+from norton_bench.segments import HOLD, READ, TABULATE_IMPEDANCE, Use
 
-# The names of the procedure that measures it, and of its segments: "hold rising", "hold falling", likewise "sweep".
-PROCEDURE, READ, HOLD, SHAKE, SWEEP = "tabulate_impedance", "read", "hold", "shake", "sweep"
+# Names of its other segments: "sweep rising", "sweep falling", as those held.
+SHAKE, SWEEP = "shake", "sweep"
 # Whole numbers of periods a second, no one twice or thrice another; above a tenth of the loop's rate nothing is asked.
 LINES_HZ = (2.0, 5.0, 11.0, 23.0, 47.0)
 # What is measured of a shake begins here and lasts this long: whole periods of all lines, without its ends.
@@ -200,13 +200,15 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
     Shaking is read with the load's encoder, whose delay and whose spring to the port the calibration has told; without
     a calibration in the recording only the holds are tabulated.
     """
-    if not any(segment.procedure == PROCEDURE and segment.name.startswith(HOLD) for segment in measured.segments):
-        raise ExperimentError(f"no exertion was tabulated: run the step '{PROCEDURE}'")
+    if not any(
+        segment.procedure == TABULATE_IMPEDANCE and segment.name.startswith(HOLD) for segment in measured.segments
+    ):
+        raise ExperimentError(f"no exertion was tabulated: run the step '{TABULATE_IMPEDANCE}'")
     count_rad = resolution_rad(measured.motion["position_rad"])
     load = _load(measured, tick_s)
     held, shaken, sources, ways = list[Held](), list[Shaken](), dict[Setting, Mean](), list[Swept | None]()
     for segment in measured.segments:
-        if segment.procedure != PROCEDURE:
+        if segment.procedure != TABULATE_IMPEDANCE:
             continue
         setting = setting_in(measured, segment).rounded
         position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)

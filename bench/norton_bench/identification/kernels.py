@@ -9,7 +9,7 @@ from functools import cache
 from math import factorial
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+import scipy
 
 from norton_bench.arrays import FloatArray
 
@@ -33,7 +33,7 @@ class Kernel:
         """The same, of a signal that is averaged over ``window`` samples, half of them later."""
         return self if window <= 0.0 else Kernel(self.cutoff, self.half_width + 0.5 * window, window)
 
-    def spline(self) -> BSpline:
+    def spline(self) -> "scipy.interpolate.BSpline":
         return _spline(self.cutoff, self.half_width - 0.5 * self.window, self.window)
 
     def energy(self, derivative: int) -> float:
@@ -97,18 +97,18 @@ def _energy(kernel: Kernel, derivative: int) -> float:
 
 
 @cache
-def _spline(cutoff: float, half_width: float, window: float) -> BSpline:
+def _spline(cutoff: float, half_width: float, window: float) -> "scipy.interpolate.BSpline":
     u = _knots(half_width)
     inside = np.maximum(1 - (u / half_width) ** 2, 0.0)
     weight = np.i0(KAISER_BETA * np.sqrt(inside)) / np.i0(KAISER_BETA) * inside**EDGE_POWER
-    spline = make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * weight, k=5)
+    spline = scipy.interpolate.make_interp_spline(u, 2 * cutoff * np.sinc(2 * cutoff * u) * weight, k=5)
     if not window:
         return spline
     integral = spline.antiderivative()
     wide = _knots(half_width + 0.5 * window)
     ends = (np.clip(wide + side * window, -half_width, half_width) for side in (0.5, -0.5))
     later, earlier = (integral(end) for end in ends)
-    return make_interp_spline(wide, (later - earlier) / window, k=5)
+    return scipy.interpolate.make_interp_spline(wide, (later - earlier) / window, k=5)
 
 
 def _knots(half_width: float) -> FloatArray:

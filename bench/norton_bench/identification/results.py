@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import branches
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.sanity_checks import FailedCheck
-from norton_bench.identification.signals import Signals
 from norton_bench.identification.statistics import LOOSE_BEYOND
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import HALF_INTERVAL, Estimate, Status
 
 if TYPE_CHECKING:
     from norton_bench.identification.bootstrap import Readings, Simulation
+    from norton_bench.identification.sanity_checks import FailedCheck
     from norton_bench.identification.separable import Solution
+    from norton_bench.identification.signals import Signals
 
 # A parameter takes part in a direction with at least this share of the greatest part.
 TAKES_PART = 0.3
@@ -186,7 +186,7 @@ class Simulated:
 class Ground:
     """What a fit stands on, so that it can go on with other terms; ``readings`` are those to simulate records by."""
 
-    stretches: tuple[Signals, ...]
+    stretches: "tuple[Signals, ...]"
     solution: "Solution"
     readings: "Readings"
 
@@ -215,7 +215,7 @@ class FitResult:
     torque_bias_nm: float = 0.0  # what the torque reads with nothing at the port, in the sign of the port looked at
     verdict: tuple[str, ...] = ()
     ground: "Ground | None" = field(default=None, repr=False, compare=False)
-    failed_checks: tuple[FailedCheck, ...] = ()  # what of the verdict makes estimates doubtful
+    failed_checks: "tuple[FailedCheck, ...]" = ()  # what of the verdict makes estimates doubtful
     torque_zero: SensorZero | None = None  # the same as it drifts; None where no torque was fitted
     middle_s: float = 0.0  # of what was fitted, in time of Signals: when what changes with time has its values
     simulated: Simulated | None = None  # None where the deviations are those of the residual alone
@@ -317,7 +317,7 @@ class SourceMap:
         return self.command[chosen], self.velocity_rad_s[chosen], draws[:, chosen]
 
     @staticmethod
-    def _curve(levels: FloatArray, values: FloatArray, rising: bool) -> PchipInterpolator:
+    def _curve(levels: FloatArray, values: FloatArray, rising: bool) -> "scipy.interpolate.PchipInterpolator":
         if np.unique(levels).size < 2:
             side = "rising" if rising else "falling"
             raise ExperimentError(f"the {side} branch of the source was not measured: run the step 'free' to its end")
@@ -352,7 +352,7 @@ class LiveEstimate:
     samples: int = field(default=0)
 
 
-def trace(stretches: tuple[Signals, ...], measured: FloatArray, predicted: FloatArray) -> Trace:
+def trace(stretches: "tuple[Signals, ...]", measured: FloatArray, predicted: FloatArray) -> Trace:
     """Both on the whole grid, NaN where nothing was used. Inputs have one value for each usable instant."""
     usable = np.concatenate([stretch.usable for stretch in stretches])
     pair = np.full((2, usable.size), np.nan)

@@ -19,9 +19,10 @@ from norton_bench.identification.averages import (
 )
 from norton_bench.identification.counts import resolution_rad
 from norton_bench.records import Measured, SegmentInfo
+from norton_bench.segments import READ, TABULATE_SOURCE
 
 # The names of the procedure that measures it, and of its segments: "read actuator", "read external", then "leave".
-PROCEDURE, READ, LEAVE = "tabulate_source", "read", "leave"
+LEAVE = "leave"
 # While it was read the shaft may have drifted by this share of the table's span, or by so many counts, to be at rest.
 DRIFT_SHARE = 0.01
 DRIFT_COUNTS = 4.0
@@ -120,7 +121,7 @@ def source_table(measured: Measured) -> SourceTable:
     count_rad = resolution_rad(measured.motion["position_rad"]) if len(measured.motion) else 0.0
     readings = [each for each in _readings(measured, count_rad) if np.isfinite(each.position.value)]
     if not readings:
-        raise ExperimentError(f"no source was tabulated: run the step '{PROCEDURE}'")
+        raise ExperimentError(f"no source was tabulated: run the step '{TABULATE_SOURCE}'")
     span_rad = float(np.ptp([each.position.value for each in readings]))
     return SourceTable(tuple(_level(measured, each, count_rad, span_rad) for each in readings))
 
@@ -128,14 +129,14 @@ def source_table(measured: Measured) -> SourceTable:
 def _readings(measured: Measured, count_rad: float) -> Iterator[_Reading]:
     began_ns, before = 0, 0.0
     for segment in measured.segments:
-        if segment.procedure == PROCEDURE and segment.name == "move":
+        if segment.procedure == TABULATE_SOURCE and segment.name == "move":
             began_ns = segment.end_ns
-        if segment.procedure == PROCEDURE and segment.name.startswith(READ):
+        if segment.procedure == TABULATE_SOURCE and segment.name.startswith(READ):
             setting = setting_in(measured, segment)
             position = mean_of(inside(measured.motion, segment)["position_rad"], count_rad / 2)
             yield _Reading(segment, began_ns, setting, setting.command >= before, position)
             before = setting.command
-        if segment.procedure == PROCEDURE and segment.name == LEAVE:
+        if segment.procedure == TABULATE_SOURCE and segment.name == LEAVE:
             before = 0.0
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+import scipy
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
@@ -254,7 +254,9 @@ def least(doubt: Callable[[FloatArray], FloatArray], low: float, high: float, tr
     nodes = np.linspace(np.log(low), np.log(high), trials)
     best = int(np.argmin(doubt(np.exp(nodes))))
     bounds = (nodes[max(best - 1, 0)], nodes[min(best + 1, trials - 1)])
-    result = minimize_scalar(lambda node: float(doubt(np.exp([node]))[0]), bounds=bounds, method="bounded")
+    result = scipy.optimize.minimize_scalar(
+        lambda node: float(doubt(np.exp([node]))[0]), bounds=bounds, method="bounded"
+    )
     return float(np.exp(result.x)) if result.fun < doubt(np.zeros(1))[0] else 0.0
 
 
@@ -280,7 +282,11 @@ def between_limit(values: FloatArray, variances: FloatArray, confidence: float =
         return 0.0
     # With equal weights Q is at most n·reach²/4τ²: beyond this τ it is below what is allowed.
     highest = reach * np.sqrt(len(values) / allowed)
-    return float(brentq(lambda spread: float(cochran(values, variances + spread**2)) - allowed, 1e-9 * reach, highest))
+    return float(
+        scipy.optimize.brentq(
+            lambda spread: float(cochran(values, variances + spread**2)) - allowed, 1e-9 * reach, highest
+        )
+    )
 
 
 def tail_of_each(comparisons: int) -> float:

@@ -9,12 +9,12 @@ from typing import Protocol
 
 from norton_bench.errors import RigError, UsageError
 from norton_bench.loop.stop_word import StopWord
-from norton_bench.procedures.imposed import VELOCITY_SHARE
-from norton_bench.procedures.knowledge import require_load
+from norton_bench.procedures.knowledge import VELOCITY_SHARE, require_load
 from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.rig.rig import Rig
 from norton_bench.session.operator import Operator, Order
 
+NAME = "jog"
 # How the text of a mark that describes a device begins.
 DEVICE = "device "
 # Default share of [limits] velocity. Above it there is room for the speed that the shaft still gains until a command of

@@ -9,7 +9,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.jog.hands import DEVICE, Bounds, Hand, LoadDoes, Setpoints
+from norton_bench.jog.hands import DEVICE, NAME, Bounds, Hand, LoadDoes, Setpoints
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.excitations import TORQUE_SHARE
 from norton_bench.procedures.knowledge import Knowledge, Plan
@@ -22,7 +22,6 @@ from norton_bench.session.script import ByHand, Remark, Script, SoFar
 from norton_drivers.readings import DeviceIdentity
 from norton_drivers.wiring import DeviceSettings
 
-NAME = "jog"
 # A key takes effect with the next segment, and the drives wait for the session between two segments. So segments are
 # short for the operator, and long enough that the loop hardly ever waits.
 SEGMENT_S = 0.2

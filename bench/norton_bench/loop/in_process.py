@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 
 from norton_bench.loop.devices import guard_for, open_devices
-from norton_bench.loop.loop import Loop, never_stop
+from norton_bench.loop.loop import Loop
 from norton_bench.loop.outbox import Outbox
+from norton_bench.loop.stop_word import never_stop
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.sample import Alignment

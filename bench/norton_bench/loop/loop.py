@@ -15,6 +15,7 @@ from norton_bench.loop.bench_loop import Learned
 from norton_bench.loop.devices import Devices, WatchdogFinding
 from norton_bench.loop.outbox import Outlet
 from norton_bench.loop.segment_run import SegmentRun, Step
+from norton_bench.loop.stop_word import never_stop
 from norton_bench.loop.troubles import TroubleLog
 from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, Tick, join
 from norton_bench.sample import Alignment, Sample
@@ -28,11 +29,6 @@ HELD_S = 5.0
 AT_REST = Segment("wait", "rest", Use.PREPARE, np.zeros(1))
 NOT_THERE = DriveStatus(DriveState.UNKNOWN)
 Drives = tuple[DriveHealth, ...]
-
-
-def never_stop() -> str | None:
-    """No operator is there to stop anything."""
-    return None
 
 
 class Stages(NamedTuple):

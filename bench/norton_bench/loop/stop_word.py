@@ -13,6 +13,11 @@ LONGEST_REASON_BYTES = 240
 NO_REASON = "asked to stop"
 
 
+def never_stop() -> str | None:
+    """No operator is there to stop anything."""
+    return None
+
+
 class StopWord:
     """Set once, it stays. Goes to spawned processes as an argument; nothing of it outlives them.
 

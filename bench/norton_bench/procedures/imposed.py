@@ -11,7 +11,7 @@ from norton_bench.control.design import design_tracking
 from norton_bench.errors import RigError
 from norton_bench.procedures.excitations import Sized, bounds_of, imposed_multisine, imposed_within, words_for
 from norton_bench.procedures.free import command_multisine
-from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
+from norton_bench.procedures.knowledge import VELOCITY_SHARE, Knowledge, Plan, require_load
 from norton_bench.procedures.options import ImposedOptions
 from norton_bench.procedures.plans_of_servos import LIMIT_STRETCH, SHAKEN, plans_for
 from norton_bench.procedures.waves import (
@@ -32,8 +32,6 @@ REST_S = 0.3
 LOOP_HZ = 4.0
 LOOP_CYCLES = 4
 LOOP_AMPLITUDES_RAD = (0.5e-3, 1.5e-3, 5e-3, 15e-3, 50e-3)
-# The grid may reach this share of the velocity limit: the shaft overshoots a little.
-VELOCITY_SHARE = 0.9
 SHAKEN_SEED = 31
 
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from norton_bench.procedures.learning import InSitu, Iteration
     from norton_bench.procedures.refinement import Refinement
 
+# An imposed velocity may reach this share of the velocity limit: the shaft overshoots a little.
+VELOCITY_SHARE = 0.9
+
 
 @dataclass(frozen=True)
 class Tare:

@@ -8,14 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.exertion_table import HOLD, PROCEDURE, READ, SHAKE, SWEEP, shake_lines
+from norton_bench.identification.exertion_table import SHAKE, SWEEP, shake_lines
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_source import MOVE_S, Patience, at_zero_torque, levels_between, settle
 from norton_bench.procedures.waves import EDGE_S, Motion, displaced, hold, imposed, ramp, sines_motion, sweep, ticks_in
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import Segment, Use
+from norton_bench.segments import HOLD, READ, TABULATE_IMPEDANCE, Segment, Use
 
 STEP_S = 0.2
 SHAKE_S = 2.6
@@ -40,7 +40,7 @@ class TabulateImpedanceProcedure:
     """
 
     options: TabulateImpedanceOptions = field(default_factory=TabulateImpedanceOptions)
-    name: ClassVar[str] = PROCEDURE
+    name: ClassVar[str] = TABULATE_IMPEDANCE
 
     def require(self, rig: Rig) -> None:
         require_load(rig, self.name, "to move the port")

@@ -10,13 +10,13 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.averages import velocity_of
-from norton_bench.identification.source_table import LEAVE, PROCEDURE, READ
+from norton_bench.identification.source_table import LEAVE
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import TabulateSourceOptions
 from norton_bench.procedures.waves import coasting, hold, ramp, zero_torque
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import Segment, Use
+from norton_bench.segments import READ, TABULATE_SOURCE, Segment, Use
 
 MOVE_S = 0.5
 PIECE_S = 0.25
@@ -80,7 +80,7 @@ class TabulateSourceProcedure:
     """
 
     options: TabulateSourceOptions = field(default_factory=TabulateSourceOptions)
-    name: ClassVar[str] = PROCEDURE
+    name: ClassVar[str] = TABULATE_SOURCE
 
     def require(self, rig: Rig) -> None:
         if self.options.port == "external":

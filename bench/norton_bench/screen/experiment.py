@@ -7,7 +7,7 @@ from typing import Protocol
 
 from norton_bench.events import Ended, Planned, PlannedStep, Prompt, SessionEvent, SessionState
 from norton_bench.jog.by_hand import Jog
-from norton_bench.jog.script import NAME
+from norton_bench.jog.hands import NAME
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.screen.panels.progress import BADGES, HALTED, REPLAYING, Badge

@@ -10,8 +10,8 @@ from multiprocessing.queues import Queue
 from typing import Protocol
 
 from norton_bench.events import Note, Watcher
-from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.results import LiveEstimate
+from norton_bench.on_demand import deferred
 from norton_bench.recording.contents import Recording, parts_of
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -20,6 +20,8 @@ from norton_bench.rig.rig import Rig
 # is reported; it never delays the loop.
 GREATEST_BACKLOG = 600
 READY_WITHIN_S = 60.0
+
+identifier_of = deferred("norton_bench.identification.live:LiveIdentifier")
 
 
 class LiveFeed(Protocol):
@@ -66,7 +68,7 @@ class InlineFeed:
     def __init__(self, command_unit: str, tick_s: float) -> None:
         self.latest = LiveEstimate(0)
         self.dropped = 0
-        self._identifier = LiveIdentifier(command_unit, tick_s)
+        self._identifier = identifier_of(command_unit, tick_s)
 
     def __call__(self, part: Measured) -> None:
         self.latest = self._identifier.update(part)
@@ -113,7 +115,7 @@ class ProcessFeed:
 def replayed(recording: Recording) -> Iterator[LiveEstimate]:
     """The estimates of the live identifier for a recording, part by part: those that it gave in the session."""
     metadata = recording.metadata
-    identifier = LiveIdentifier(metadata["command_unit"], float(metadata["tick_s"]))
+    identifier = identifier_of(metadata["command_unit"], float(metadata["tick_s"]))
     return map(identifier.update, parts_of(recording))
 
 
@@ -123,7 +125,7 @@ def _identify(
     signal.signal(
         signal.SIGINT, signal.SIG_IGN
     )  # Ctrl-C on a terminal reaches every process; the session ends this one
-    identifier = LiveIdentifier(command_unit, tick_s)
+    identifier = identifier_of(command_unit, tick_s)
     estimates.put(LiveEstimate(0))
     while (part := parts.get()) is not None:
         estimates.put(identifier.update(part))

@@ -23,8 +23,6 @@ from typing import Protocol
 
 from norton_bench.errors import BenchError, ExperimentError
 from norton_bench.events import PlannedStep, Prompt
-from norton_bench.identification.fit import fit
-from norton_bench.identification.load import coupling_of
 from norton_bench.identification.results import FitResult
 from norton_bench.models.parameter_result import ParameterResult, parameter_result
 from norton_bench.models.parameters import Estimate
@@ -106,6 +104,9 @@ class SoFar:
                 raise ExperimentError("nothing has been measured yet: run a step before you ask for its results")
             unit, tick_s = self.known.rig.command.unit, self.known.tick_s
             measured = join(records)
+            from norton_bench.identification.fit import fit  # noqa: PLC0415  (slow to import)
+            from norton_bench.identification.load import coupling_of  # noqa: PLC0415  (slow to import)
+
             coupling = coupling_of(measured, tick_s)
             self._fitted = fit(measured, command_unit=unit, tick_s=tick_s, coupling=coupling)
             self._fitted_records = len(records)

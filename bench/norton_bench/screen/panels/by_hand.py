@@ -4,8 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from textwrap import wrap
 
-from norton_bench.jog.hands import DEVICE, Bounds
-from norton_bench.jog.script import NAME
+from norton_bench.jog.hands import DEVICE, NAME, Bounds
 from norton_bench.records import SegmentInfo
 from norton_bench.report.words import pretty_unit
 from norton_bench.screen.panels.health import health_rows

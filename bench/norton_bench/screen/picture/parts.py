@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from norton_bench.events import PlannedStep
-from norton_bench.identification import exertion_table, source_table
 from norton_bench.identification.results import LiveEstimate
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.records import STREAMS, Event, Measured, SegmentInfo, Table
 from norton_bench.report.streams import LEAST_PAUSE_NS
 from norton_bench.rig.rig import Rig
+from norton_bench.segments import HOLD, READ, TABULATE_IMPEDANCE, TABULATE_SOURCE
 from norton_drivers.wiring import DeviceSettings
 
 WIDTH_95 = 1.96
@@ -210,11 +210,11 @@ class Tabulated:
 
 def _what(segment: SegmentInfo) -> str:
     """Empty where nothing is read."""
-    if segment.procedure == exertion_table.PROCEDURE:
-        if segment.name.startswith(exertion_table.HOLD):
+    if segment.procedure == TABULATE_IMPEDANCE:
+        if segment.name.startswith(HOLD):
             return HELD
-        return SOURCE if segment.name == exertion_table.READ else ""
-    if segment.procedure == source_table.PROCEDURE and segment.name.startswith(source_table.READ):
+        return SOURCE if segment.name == READ else ""
+    if segment.procedure == TABULATE_SOURCE and segment.name.startswith(READ):
         return EXTERNAL if segment.name.endswith(EXTERNAL) else SOURCE
     return ""
 
