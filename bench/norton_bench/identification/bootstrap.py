@@ -96,6 +96,10 @@ class Scatter:
         twice the one seen is held to be as likely, which deviates by the bias over the square root of 3."""
         return np.asarray(np.abs(self.bias) / np.sqrt(3.0))
 
+    def excess(self, covariance: FloatArray) -> FloatArray:
+        """How many times the residual's deviations, of ``covariance`` (p, p), are those that simulated fits state."""
+        return np.asarray(np.sqrt(np.diag(covariance)) / self.stated_std)
+
     def applied(self, values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values without their bias, and their covariance, from those that the residual alone gives: (p,), (p, p).
 

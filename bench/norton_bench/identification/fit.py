@@ -56,6 +56,8 @@ PRESLIDING = ("presliding_stiffness", "presliding_damping")
 # variables reduce the stiffness by about 5 (0.15 counts / length)², the damping making up for it: 1 % at three counts,
 # as much as the deviations that fits state. Simulated records show half of it at most, for their true path is a
 # smoothed one. The factor is that of benches of `benchmarks/wide_family.py`, where the true path gave the true values.
+# Where the residual is so many times what simulated records leave, the path's error may be as many times greater, and
+# the stiffness is reduced as by counts that are as many times coarser.
 FEWEST_COUNTS = 3.0
 
 # What free motion tells only as a ratio to the torque gain.
@@ -189,7 +191,8 @@ def result_of(
     covariance = with_lag_as_told(values, covariance, PHYSICAL.index("amplifier_bandwidth"))
     deviations = np.sqrt(np.diag(covariance))
     failed = (*map(FailedCheck, findings.doubts), *failed_checks(solution, values, deviations, stretches[0].tick_s))
-    terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed)
+    fewest = _fewest_counts(simulated)
+    terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed, fewest)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
     return FitResult(
@@ -213,7 +216,7 @@ def result_of(
         ground=None if readings is None else Ground(stretches, solution, readings),
         verdict=(
             *terms.verdict(solution, values, covariance, failed),
-            *_unresolved(solution),
+            *_unresolved(solution, fewest),
             *_remarks(findings, readings, solution),
         ),
         failed_checks=failed,
@@ -226,15 +229,21 @@ def _presliding_counts(solution: Solution) -> float:
     return float("inf") if count_rad == 0.0 else 1.0 / (solution.shape.s_per_rad * count_rad)
 
 
-def _unresolved(solution: Solution) -> tuple[str, ...]:
+def _fewest_counts(simulated: Simulated | None) -> float:
+    """How many the presliding length must be, for its stiffness and damping to be told."""
+    return FEWEST_COUNTS * max(1.0, 1.0 if simulated is None else simulated.excess["presliding_stiffness"])
+
+
+def _unresolved(solution: Solution, fewest_counts: float) -> tuple[str, ...]:
     """A sentence on a presliding length that the encoder does not resolve; none where it does."""
     counts, length_mrad = _presliding_counts(solution), 1e3 / solution.shape.s_per_rad
-    if counts >= FEWEST_COUNTS:
+    if counts >= fewest_counts:
         return ()
+    more = "" if counts < FEWEST_COUNTS else ", on motion that is less smooth than its counts tell"
     return (
-        f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {counts:.1f} counts: "
+        f"The encoder does not resolve a presliding length of {length_mrad:.2g} mrad, {counts:.1f} counts{more}: "
         "presliding stiffness and damping depend on how counts are smoothed. Counts of "
-        f"{length_mrad / FEWEST_COUNTS:.1g} mrad or finer would resolve them.",
+        f"{length_mrad / fewest_counts:.2g} mrad or finer would resolve them.",
     )
 
 
@@ -262,8 +271,10 @@ def _simulated(
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
     scatter = scatter_of(bench, values, physical)
     of_residual = stated_by_name(bench.solution, values, covariance)
-    repeated_std = dict(zip(of_residual, scatter.bias_std.tolist(), strict=True))
-    return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, bench)
+    repeated_std, excess = (
+        dict(zip(of_residual, each.tolist(), strict=True)) for each in (scatter.bias_std, scatter.excess(covariance))
+    )
+    return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, excess, bench)
 
 
 def _in_terms_of_network(
@@ -273,9 +284,10 @@ def _in_terms_of_network(
     covariance: FloatArray,
     command_unit: str,
     failed_checks: tuple[FailedCheck, ...],
+    fewest_counts: float,
 ) -> _NetworkTerms:
     deviations = np.sqrt(np.diag(covariance))
-    statuses = _statuses(solution, values, deviations, stretches[0].tick_s)
+    statuses = _statuses(solution, values, deviations, stretches[0].tick_s, fewest_counts)
     estimates = [
         Estimate(name, float(value), float(std), BY_NAME[name].unit_for(command_unit), status)
         for name, value, std, status in zip(PHYSICAL, values, deviations, statuses, strict=False)
@@ -332,17 +344,22 @@ def _without_scale(estimate: Estimate) -> Estimate:
     return replace(estimate, value=float("nan"), std=float("nan"), status=Status.RATIO_ONLY)
 
 
-def _statuses(solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float) -> list[Status]:
-    numbers, at_bound = zip(PHYSICAL, values[:7], deviations[:7], strict=True), _at_bound(solution, tick_s)
-    return [_status(solution, at_bound, *each) for each in numbers]
+def _statuses(
+    solution: Solution, values: FloatArray, deviations: FloatArray, tick_s: float, fewest_counts: float
+) -> list[Status]:
+    numbers, held = zip(PHYSICAL, values[:7], deviations[:7], strict=True), _at_bound(solution, tick_s)
+    unresolved = PRESLIDING if _presliding_counts(solution) < fewest_counts else ()
+    return [_status(solution, held, unresolved, *each) for each in numbers]
 
 
-def _status(solution: Solution, at_bound: set[str], name: str, value: float, deviation: float) -> Status:
+def _status(
+    solution: Solution, at_bound: set[str], unresolved: tuple[str, ...], name: str, value: float, deviation: float
+) -> Status:
     if not solution.converged:
         return Status.NOT_CONVERGED
     if name in at_bound or (value < 0 and name not in ("torque_gain", "presliding_damping")):
         return Status.AT_BOUND
-    if name in PRESLIDING and _presliding_counts(solution) < FEWEST_COUNTS:
+    if name in unresolved:
         return Status.UNEXCITED
     known = deviation <= LOOSE_BEYOND * abs(value) or (name == "torque_gain" and solution.free_motion)
     return Status.VALID if known else Status.UNEXCITED

@@ -102,6 +102,23 @@ def test_a_contact_that_the_encoder_does_not_resolve_is_not_told(result_of_short
     assert not [sentence for sentence in result_of_short.verdict if "does not resolve" in sentence]
 
 
+def test_a_motion_that_chatters_within_its_counts_needs_finer_ones():
+    """Five to the way in which this friction builds up are enough, but not where the path errs unseen by a third."""
+    bench = shortened(1, bench=Bench(counts=15700.0))
+    count_rad, motion = 2 * np.pi / 15700.0, bench.motion.copy()
+    unseen = np.convolve(np.random.default_rng(5).standard_normal(len(motion)), np.hanning(25), "same")
+    motion["position_rad"] += 0.3 * count_rad / np.std(unseen) * unseen
+    motion["position_rad"] = np.floor(motion["position_rad"] / count_rad) * count_rad
+    smooth, chatters = (
+        fit(each, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
+        for each in (bench, replace(bench, motion=motion))
+    )
+    statuses = (smooth.estimate("presliding_stiffness").status, chatters.estimate("presliding_stiffness").status)
+    assert statuses == (Status.VALID, Status.UNEXCITED)
+    assert chatters.estimate("inertia").status is Status.VALID
+    assert [sentence for sentence in chatters.verdict if "less smooth than its counts tell" in sentence]
+
+
 def test_coarse_counts_widen_the_intervals_of_friction(result_of_short):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
     measured = shortened(1, bench=Bench(counts=18_000.0))
