@@ -1,6 +1,6 @@
 """``rig check``: which devices are there, how fast and how evenly each sends, and what is wrong."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from statistics import median
@@ -63,12 +63,25 @@ def check_rig(
         return result if move is None else _moved(rig, backend, result, move)
 
 
-def overfull_in_simulation(rig: Rig, seed: int | None = None) -> tuple[Problem, ...]:
-    """Of each bus that cannot carry what its devices send, as :func:`check_rig` finds it on the rig's simulated twin.
+def refuse_impossible(rig: Rig, seed: int | None) -> None:
+    """As :func:`refuse_overfull` for a simulated bench, whose buses would carry more than any real one."""
+    if rig.backend == SIMULATED:
+        refuse_overfull(rig, seed)
 
-    Empty for a rig without a twin: how busy its buses are shows only when they are opened.
+
+def refuse_overfull(rig: Rig, seed: int | None) -> None:
+    """Raises ExperimentError where :func:`check_rig` of the simulated twin finds a bus that cannot carry its traffic.
+
+    Never for a rig without a twin: how busy its buses are shows only when they are opened.
     """
-    return check_rig(replace(rig, backend=SIMULATED), seed=seed).overfull() if rig.simulated else ()
+    if rig.simulated:
+        raise_overfull(check_rig(replace(rig, backend=SIMULATED), seed=seed).overfull())
+
+
+def raise_overfull(problems: Sequence[Problem]) -> None:
+    """Raises ExperimentError where there is a bus that cannot carry what its devices send."""
+    if problems:
+        raise ExperimentError("\n".join(map(str, problems)))
 
 
 def _moved(rig: Rig, backend: Backend, result: RigCheck, move: Permission) -> RigCheck:

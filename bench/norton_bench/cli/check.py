@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, LineCheck, Problem, RigCheck, Sender
+    from norton_bench.check.survey import BusCheck, DeviceCheck, HostCheck, LineCheck, RigCheck, Sender
     from norton_bench.rig.rig import Rig
     from norton_drivers.discovery import FoundPort
 
@@ -218,6 +218,7 @@ def standard_session_suits(rig: "Rig", found: "RigCheck") -> tuple[str, str | No
 
     A rig may be made for other sessions, so that this is reported as a note and not as a problem.
     """
+    from norton_bench.check.check import raise_overfull  # noqa: PLC0415
     from norton_bench.cli.plan import clock  # noqa: PLC0415
     from norton_bench.session.dry_run import dry_run  # noqa: PLC0415
     from norton_bench.session.schema import standard_session  # noqa: PLC0415
@@ -232,12 +233,6 @@ def standard_session_suits(rig: "Rig", found: "RigCheck") -> tuple[str, str | No
     steps = ", ".join(dict.fromkeys(step.planned.name for step in plan.steps))
     once = " once what was found is mended" if found.problems() else ""
     return f"norton-bench identify can run on it{once}: {steps}; {clock(plan.at_most_s)} of bench time", None
-
-
-def raise_overfull(problems: Sequence["Problem"]) -> None:
-    """Raises ExperimentError where there is a bus that cannot carry what its devices send."""
-    if problems:
-        raise ExperimentError("\n".join(map(str, problems)))
 
 
 def devices(*, json: Json = False) -> None:

@@ -131,6 +131,7 @@ def run(
 
 def show_plan(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
     """Check the session, and print its plan."""
+    from norton_bench.check.check import refuse_overfull  # noqa: PLC0415
     from norton_bench.cli.plan import plan_data, plan_view  # noqa: PLC0415
     from norton_bench.session import dry_run  # noqa: PLC0415
     from norton_bench.session.operator import Answers  # noqa: PLC0415
@@ -140,22 +141,6 @@ def show_plan(rig: "Rig", session: "Session", options: RunOptions, output: Outpu
     Answers(options.answers, options.yes).check(plan.prompts, session.place, somebody=True)
     output.result(plan_data(plan, session, rig), plan_view(plan, session, rig))
     return ExitCode.OK
-
-
-def refuse_impossible(rig: "Rig", seed: int | None) -> None:
-    """As :func:`refuse_overfull` for a simulated bench, whose buses would carry more than any real one."""
-    from norton_bench.check.check import SIMULATED  # noqa: PLC0415
-
-    if rig.backend == SIMULATED:
-        refuse_overfull(rig, seed)
-
-
-def refuse_overfull(rig: "Rig", seed: int | None) -> None:
-    """Raises ExperimentError where ``rig check`` of the simulated twin finds a bus that cannot carry its traffic."""
-    from norton_bench.check.check import overfull_in_simulation  # noqa: PLC0415
-    from norton_bench.cli.check import raise_overfull  # noqa: PLC0415
-
-    raise_overfull(overfull_in_simulation(rig, seed))
 
 
 def _fraction(until: str | None) -> float | None:
@@ -184,6 +169,8 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 def perform(rig: "Rig", session: "Session", options: RunOptions, output: Output) -> int:
     """Run ``session`` and print its result; returns the exit code."""
+    from norton_bench.check.check import refuse_impossible  # noqa: PLC0415
+
     refuse_impossible(rig, options.seed)
     folder = run_folder(options.out, rig.name)
     before = set(folder.iterdir())

@@ -256,9 +256,11 @@ class Opening:
 
     def _experiment(self, rig: Rig, session: Session) -> Experiment:
         """Raises BenchError for a session that this rig cannot perform. Takes a second the first time."""
+        from norton_bench.check.check import refuse_impossible  # noqa: PLC0415  (brings the devices along)
         from norton_bench.session.program import make_experiment  # noqa: PLC0415  (brings the report along)
 
         seed = session.seed if self.seed is None else self.seed
+        refuse_impossible(rig, seed)
 
         def begin() -> EventSource:
             return Running(rig, session, self.make_out(rig.name), seed)

@@ -9,7 +9,7 @@ from textual.binding import Binding
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList
 
-from norton_bench.errors import ExitCode
+from norton_bench.errors import ExitCode, ExperimentError
 from norton_bench.events import Ended, Note, Prompt, Question, SessionState, StateChanged
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
@@ -470,6 +470,15 @@ async def test_a_session_that_the_rig_cannot_perform_is_marked_and_says_why(tmp_
         assert "step 'calibrate' needs a load drive" in said
         assert isinstance(app.screen, ChoiceScreen)
         assert app.experiment is None
+
+
+def test_a_simulated_bus_that_no_real_one_could_be_is_refused(tmp_path: Path) -> None:
+    rig = tmp_path / "slow.toml"
+    text = (ROOT / "rigs" / "sim-odrive.toml").read_text(encoding="utf-8")
+    rig.write_text(text.replace('bitrate = "1 Mbit/s"', 'bitrate = "200 kbit/s"'), encoding="utf-8")
+    opening = Opening(lambda _: tmp_path, rig, folder=ROOT)
+    with pytest.raises(ExperimentError, match="of what 200000 bit/s can carry"):
+        opening.experiment(opening.load_rig(rig), None)
 
 
 async def test_no_rig_is_said_with_the_way_to_one(tmp_path: Path) -> None:
