@@ -191,7 +191,7 @@ def result_of(
     covariance = with_lag_as_told(values, covariance, PHYSICAL.index("amplifier_bandwidth"))
     deviations = np.sqrt(np.diag(covariance))
     failed = (*map(FailedCheck, findings.doubts), *failed_checks(solution, values, deviations, stretches[0].tick_s))
-    fewest = _fewest_counts(simulated)
+    fewest, remarks = _fewest_counts(simulated), _remarks(findings, readings, solution)
     terms = _in_terms_of_network(stretches, solution, values, covariance, command_unit, failed, fewest)
     to_torque = float(abs(values[PHYSICAL.index("inertia")])) if solution.free_motion else 1.0
     rms = float(np.sqrt(np.mean(solution.residual**2)))
@@ -214,11 +214,7 @@ def result_of(
         torque_zero=_zero(solution, of_unknowns),
         simulated=simulated,
         ground=None if readings is None else Ground(stretches, solution, readings),
-        verdict=(
-            *terms.verdict(solution, values, covariance, failed),
-            *_unresolved(solution, fewest),
-            *_remarks(findings, readings, solution),
-        ),
+        verdict=(*terms.verdict(solution, values, covariance, failed), *_unresolved(solution, fewest), *remarks),
         failed_checks=failed,
     )
 

@@ -10,7 +10,7 @@ from norton_bench.identification.ladder import FrictionFit, Rung, held, selected
 from norton_bench.identification.results import Trace, words
 from norton_bench.logs.alarms import alarms, alarms_of_motion
 from norton_bench.logs.basic_equation import SIGNIFICANT, UNEXPLAINED
-from norton_bench.logs.between import Part, of_logs, of_quarters, widened
+from norton_bench.logs.between import Compared, Part, of_logs, of_quarters, widened
 from norton_bench.logs.column_map import ColumnMap
 from norton_bench.logs.delays import SHIFT
 from norton_bench.logs.equation import Problem
@@ -88,19 +88,12 @@ class Judged:
 
 def outcome(judged: Judged) -> LogFit:
     """As the equation of motion has it."""
-    column_map, problem = judged.column_map, judged.problem
-    whole = judged.chosen.fit
+    column_map, problem, whole = judged.column_map, judged.problem, judged.chosen.fit
     parts = of_logs(problem, whole, judged.apart) if judged.apart else of_quarters(problem, whole)
     fit = widened(whole, parts)
     predicted = predictions(problem, fit, column_map.units.exertion if problem.scaled else column_map.units.drive)
     wrong = alarms(problem, judged.chosen, column_map.units, predicted.deviation)
-    estimates, verdict = _estimates(judged, judged.chosen, fit)
-    # Of several logs that differ: together they ask for a value that none of them has.
-    estimates = tuple(inadequate(each) if each.name in parts.of_none else each for each in estimates)
-    friction = {term.name for term in judged.chosen.model.terms}
-    total = _totals(judged, fit)
-    if friction & parts.of_none:
-        total = tuple(map(inadequate, total))
+    estimates, total, verdict = _figures(judged, fit, parts)
     together = loose(fit, estimates)
     told = {name for direction in together for name in direction.names}
     untold = [estimate for estimate in estimates if estimate.name not in told]
@@ -134,6 +127,20 @@ def outcome(judged: Judged) -> LogFit:
         between=parts,
         predictions=predicted,
     )
+
+
+def _figures(
+    judged: Judged, fit: FrictionFit, parts: Compared
+) -> tuple[tuple[Estimate, ...], tuple[Estimate, ...], list[str]]:
+    """The estimates, the totals of friction, and what is to be said of both.
+
+    Of several logs that differ, what they ask for together is a value that none of them has.
+    """
+    estimates, verdict = _estimates(judged, judged.chosen, fit)
+    total = _totals(judged, fit)
+    if parts.of_none & {term.name for term in judged.chosen.model.terms}:
+        total = tuple(map(inadequate, total))
+    return tuple(inadequate(each) if each.name in parts.of_none else each for each in estimates), total, verdict
 
 
 def _of_result(

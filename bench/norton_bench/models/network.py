@@ -20,7 +20,17 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import UsageError
 from norton_bench.models import sliding
-from norton_bench.models.network_file import as_object, read_json, read_matrix, read_prediction, read_term
+from norton_bench.models.network_file import (
+    FORMAT,
+    VERSION,
+    VERSION_WITH_TERMS,
+    as_object,
+    read_matrix,
+    read_network,
+    read_prediction,
+    read_term,
+    term_as_json,
+)
 from norton_bench.models.parameters import BY_NAME, PredictionError
 from norton_bench.models.servo_file import servo_as_json, servo_from_json
 from norton_bench.models.terms import (
@@ -36,9 +46,6 @@ from norton_bench.models.terms import (
 )
 from norton_drivers.servo import Servo
 
-FORMAT = "norton-network"
-VERSION = 1
-VERSION_WITH_TERMS = 2
 REQUIRED = (
     "torque_gain",
     "amplifier_bandwidth_rad_s",
@@ -344,40 +351,21 @@ class NortonNetwork:
             "version": VERSION_WITH_TERMS if self.terms or self.servo else VERSION,
             "command_unit": self.command_unit,
             "parameters": parameters,
-            **({"terms": [self._term_as_json(term) for term in self.terms]} if self.terms else {}),
+            **({"terms": [term_as_json(term, self.command_unit) for term in self.terms]} if self.terms else {}),
             **({} if self.servo is None else {"servo": servo_as_json(self.servo)}),
             "covariance": {"names": list(self.covariance_names), "matrix": [list(row) for row in self.covariance]},
             **({} if self.prediction is None else {"prediction": self.prediction.as_json(self.command_unit)}),
             "provenance": dict(self.provenance),
         }
 
-    def _term_as_json(self, term: NetworkTerm) -> dict[str, Any]:
-        values = {
-            each.name: {"value": value, "unit": each.unit_for(self.command_unit)}
-            for each, value in zip(term.term.parameters, term.values, strict=True)
-        }
-        periods = {"periods_per_turn": term.periods_per_turn} if term.term.periodic else {}
-        return {"name": term.name, "equation": term.term.equation, **periods, "parameters": values}
-
     @classmethod
     def load(cls, path: Path | str) -> "NortonNetwork":
         """Read a network file. Raises UsageError, in a sentence, for a file that is none."""
-        content = read_json(path)
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
-        if content.get("version") not in (VERSION, VERSION_WITH_TERMS):
-            version = content.get("version")
-            raise UsageError(
-                f"{path}: version {version!r} of the network file is unknown here; this program reads {VERSION} and "
-                f"{VERSION_WITH_TERMS}"
-            )
-        unit = content.get("command_unit")
-        if not isinstance(unit, str):
-            raise UsageError(f'{path}: "command_unit" is missing; add the unit of the command, such as "N*m"')
+        content = read_network(path)
         covariance = as_object(content.get("covariance", {}))
         return cls(
             **_read_parameters(path, as_object(content.get("parameters"))),
-            command_unit=unit,
+            command_unit=content["command_unit"],
             covariance_names=tuple(str(name) for name in covariance.get("names", [])),
             covariance=read_matrix(path, covariance),
             provenance={str(key): str(value) for key, value in as_object(content.get("provenance", {})).items()},
@@ -393,11 +381,9 @@ def impossible(name: str, value: float) -> bool:
 
 
 def _second_difference(position: FloatArray, tick_s: float) -> FloatArray:
-    acceleration = np.zeros_like(position)
-    acceleration[1:-1] = np.diff(position, 2) / tick_s**2
-    if position.size > 2:
-        acceleration[0], acceleration[-1] = acceleration[1], acceleration[-2]
-    return acceleration
+    if position.size <= 2:
+        return np.zeros_like(position)
+    return np.asarray(np.pad(np.diff(position, 2), 1, mode="edge") / tick_s**2)
 
 
 def _read_parameters(path: Path | str, parameters: dict[str, Any]) -> dict[str, float]:

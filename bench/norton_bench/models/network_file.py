@@ -11,6 +11,9 @@ from norton_bench.errors import UsageError
 from norton_bench.models.parameters import PredictionError
 from norton_bench.models.terms import TERM_BY_NAME, NetworkTerm
 
+FORMAT = "norton-network"
+VERSION, VERSION_WITH_TERMS = 1, 2
+
 
 def as_object(value: object) -> dict[str, Any]:
     """A table; an empty one for what is none."""
@@ -29,6 +32,32 @@ def read_json(path: Path | str) -> object:
         raise UsageError(
             f"{path}: line {error.lineno}: not valid JSON ({error.msg}); was the file cut short?"
         ) from error
+
+
+def read_network(path: Path | str) -> dict[str, Any]:
+    """The content of a network file, its format, version and command unit checked. Raises UsageError for others."""
+    content = read_json(path)
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise UsageError(f'{path}: not a network file; expected JSON with "format": "{FORMAT}"')
+    version = content.get("version")
+    if version not in (VERSION, VERSION_WITH_TERMS):
+        raise UsageError(
+            f"{path}: version {version!r} of the network file is unknown here; this program reads {VERSION} and "
+            f"{VERSION_WITH_TERMS}"
+        )
+    if not isinstance(content.get("command_unit"), str):
+        raise UsageError(f'{path}: "command_unit" is missing; add the unit of the command, such as "N*m"')
+    return content
+
+
+def term_as_json(term: NetworkTerm, command_unit: str) -> dict[str, Any]:
+    """One of "terms"."""
+    values = {
+        each.name: {"value": value, "unit": each.unit_for(command_unit)}
+        for each, value in zip(term.term.parameters, term.values, strict=True)
+    }
+    periods = {"periods_per_turn": term.periods_per_turn} if term.term.periodic else {}
+    return {"name": term.name, "equation": term.term.equation, **periods, "parameters": values}
 
 
 def read_term(path: Path | str, content: dict[str, Any]) -> NetworkTerm:

@@ -100,13 +100,20 @@ VELOCITY_TOLERANCE = 1e-10
 
 
 @INLINED
+def _slid(phi: float, displacement: float, s: float) -> tuple[float, float]:
+    """The Dahl state after a displacement [rad], exactly, and what is left of a difference to where it ends."""
+    left = exp(-s * abs(displacement))
+    if displacement > 0.0:
+        return 1.0 / s + (phi - 1.0 / s) * left, left
+    if displacement < 0.0:
+        return -1.0 / s + (phi + 1.0 / s) * left, left
+    return phi, left
+
+
+@INLINED
 def dahl_flow(phi: float, displacement: float, s: float) -> float:
     """The Dahl state after a displacement [rad], exactly."""
-    if displacement > 0.0:
-        return 1.0 / s + (phi - 1.0 / s) * exp(-s * displacement)
-    if displacement < 0.0:
-        return -1.0 / s + (phi + 1.0 / s) * exp(s * displacement)
-    return phi
+    return _slid(phi, displacement, s)[0]
 
 
 @njit(cache=True, nogil=True)
@@ -129,17 +136,9 @@ def mean_velocity(
     low = free - friction_bound / (inertial + viscous)
     high = free + friction_bound / (inertial + viscous)
     guess = min(max(velocity, low), high)
-    asymptote = 1.0 / s
     for _ in range(NEWTON_STEPS):
         displacement = guess * step_s
-        # As dahl_flow, whose exponential is the compliance's too.
-        retained = exp(-s * abs(displacement))
-        if displacement > 0.0:
-            after = asymptote + (phi - asymptote) * retained
-        elif displacement < 0.0:
-            after = -asymptote + (phi + asymptote) * retained
-        else:
-            after = phi
+        after, retained = _slid(phi, displacement, s)
         friction = 0.5 * sigma_0 * (phi + after) + sigma_1 * (after - phi) / step_s
         balance = inertial * (guess - velocity) + viscous * guess + friction - torque
         if balance > 0.0:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from norton_bench.errors import UsageError
-from norton_bench.models.network import FORMAT as MOTOR_FORMAT
 from norton_bench.models.network import NortonNetwork
+from norton_bench.models.network_file import FORMAT as MOTOR_FORMAT
 from norton_bench.networks.expressions import Equations, Table
 from norton_bench.networks.family import Network
 from norton_bench.networks.kinds import Form, Kind
