@@ -24,8 +24,8 @@ RIG = Path(__file__).parents[3] / "rigs" / "sim-mit-velocity.toml"
 STEPS = (
     Step("tare", TareOptions(duration_s=0.5)),
     Step("calibrate", CalibrateOptions(duration_s=4.0)),
-    Step("free", FreeOptions(levels=5, dwell_s=0.3, duration_s=2.0)),
-    Step("imposed", ImposedOptions(velocities_rad_s=(-8.0, 8.0), commands=2, duration_s=4.0)),
+    Step("free", FreeOptions(levels=4, dwell_s=0.3, duration_s=2.0)),
+    Step("imposed", ImposedOptions(duration_s=2.0)),
 )
 
 
