@@ -13,6 +13,12 @@ def half_rate(name: str) -> Rig:
     return parse_rig(half_rate_text(name), place=str(RIGS / f"{name}.toml"))
 
 
+def low_rate(name: str) -> Rig:
+    """With 400 ticks a second: below, the load drive can hardly be calibrated."""
+    text = half_rate_text(name).replace('rate = "500 Hz"', 'rate = "400 Hz"')
+    return parse_rig(text, place=str(RIGS / f"{name}.toml"))
+
+
 def half_rate_text(name: str) -> str:
     text = (RIGS / f"{name}.toml").read_text(encoding="utf-8")
     assert text.count('rate = "1 kHz"') == 1

@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,10 @@ import numpy as np
 import pytest
 
 from norton_bench.cli import app
+from norton_bench.datasheet import data as data_module
 from norton_bench.datasheet.data import comparison_data, content_of, html, sheet_data
 from norton_bench.datasheet.evidence import evidence
-from norton_bench.datasheet.pictures import BACKDRIVING, BODE, ENVELOPE, HYSTERESIS, drawings
+from norton_bench.datasheet.pictures import BACKDRIVING, BODE, ENVELOPE, HYSTERESIS, drawings, pictures
 from norton_bench.datasheet.printed import LEAST_SHARE, _height_in, _share, pages, write_pdf
 from norton_bench.datasheet.sheet import Sheet, compared, sheet_of_network, sheet_of_result
 from norton_bench.datasheet.tables import (
@@ -45,6 +47,12 @@ def recorded(session: Result) -> Sheet:
 @pytest.fixture
 def alone() -> Sheet:
     return sheet_of_network(network(), "some.network.json")
+
+
+@pytest.fixture
+def few_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first two alone: drawing all of them takes nearly all of a sheet's time."""
+    monkeypatch.setattr(data_module, "pictures", lambda sheets: islice(pictures(sheets), 2))
 
 
 def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
@@ -189,6 +197,7 @@ def test_a_value_without_an_interval_says_why(alone: Sheet) -> None:
     assert row[2:4] == ("0.05000", "–")
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
     of_session = network().with_provenance({"model": "dahl_motor", "status": "viscous_damping=inadequate"})
     sheet = sheet_of_network(of_session, "some.network.json")
@@ -199,6 +208,7 @@ def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
     assert "dahl_motor" not in html([sheet])
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_on_paper_it_is_the_same_file_again(alone: Sheet, tmp_path: Path) -> None:
     first, second = (write_pdf(tmp_path / name, [alone]).read_bytes() for name in ("a.pdf", "b.pdf"))
     assert first[:5] == b"%PDF-"
@@ -294,6 +304,7 @@ def test_data_has_a_unit_and_an_interval_for_every_figure(recorded: Sheet) -> No
     assert data["measured"]["spectra"]["averages"] > 0
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_the_command_writes_page_paper_and_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = tmp_path / "a.network.json", tmp_path / "b.network.json"
     network().save(first)
@@ -319,6 +330,7 @@ def test_what_it_cannot_do_it_says(tmp_path: Path, capsys: pytest.CaptureFixture
         sheet_of_network(replace(network(), covariance_names=(), covariance=()), "bare.json")
 
 
+@pytest.mark.usefixtures("few_pictures")
 def test_terms_stand_on_the_sheet_with_how_the_figures_have_them() -> None:
     sheet = sheet_of_network(motor_with_terms(), "some.network.json")
     assert {"stribeck_torque", "load_friction", "quadratic_drag"} <= {each.name for each in sheet.parameters}

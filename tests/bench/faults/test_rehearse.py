@@ -1,5 +1,7 @@
 """Faults on a whole session: those of the short round, and that what is true is what decides."""
 
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -10,9 +12,10 @@ from norton_bench.faults.case import Case, CaseResult, Expected, Verdict
 from norton_bench.faults.rehearse import Prepared, prepare, rehearse
 from norton_bench.rig.load import load_rig
 from norton_bench.sample import Alignment
+from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"
-RIG = load_rig(RIGS / "sim-odrive.toml")
+RIG = half_rate("sim-odrive")
 QUICK = [case for case in cases(RIG) if case.quick]
 RIDE = Expected.RIDE
 
@@ -27,12 +30,18 @@ def named(name: str, on: str) -> Case:
     return found
 
 
+@pytest.fixture(scope="module")
+def outcome_of(prepared: Prepared) -> Callable[[str, str], CaseResult]:
+    """The outcome of a case by its name and place; each is rehearsed once."""
+    return cache(lambda name, on: rehearse(prepared, named(name, on)))
+
+
 def assert_safe(outcome: CaseResult) -> None:
     assert outcome.verdict.safe, outcome
     assert outcome.drives == {"actuator": "idle", "load": "idle"}
     if outcome.verdict is Verdict.STOPPED:
         assert outcome.off_s is not None
-        assert outcome.off_s <= outcome.allowed_s == pytest.approx(0.302)
+        assert outcome.off_s <= outcome.allowed_s == pytest.approx(0.3 + 2 * RIG.tick_s)
         assert outcome.guard
     else:
         assert outcome.peak.torque_nm <= RIG.limits.torque_nm
@@ -40,8 +49,8 @@ def assert_safe(outcome: CaseResult) -> None:
 
 
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: f"{case.name} on {case.on}")
-def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
-    outcome = rehearse(prepared, case)
+def test_the_short_round_ends_safely(outcome_of: Callable[[str, str], CaseResult], case: Case) -> None:
+    outcome = outcome_of(case.name, case.on)
     assert_safe(outcome)
     assert (outcome.verdict is Verdict.STOPPED) == (case.expected is Expected.STOP)
     if "count" in case.table:
@@ -52,11 +61,12 @@ def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
     ("name", "on", "words", "within_s"),
     [
         ("silent", "actuator", "actuator encoder: silent for", 0.105),
-        ("adapter unplugged", "can0", "bus can0: lost", 0.002),
-        ("adapter unplugged", "torque_sensor", "port socket://localhost:7641: lost", 0.002),
+        ("adapter unplugged", "can0", "bus can0: lost", 2 * RIG.tick_s),
+        ("adapter unplugged", "torque_sensor", "port socket://localhost:7641: lost", 2 * RIG.tick_s),
         ("frames late by 200 ms", "can0", "silent for", 0.105),
         ("undervoltage", "load", "load drive: left its torque loop (fault: bus voltage too low", 0.105),
-        ("host stalls for long", "bench", "the loop stood still for 2000 ms", 2.01),
+        # To a few ticks of 2 s.
+        ("host stalls for long", "bench", "the loop stood still for 199|the loop stood still for 200", 2.01),
         ("reading frozen", "torque_sensor", "as no living sensor does", 0.1),
         ("bias jumps", "torque_sensor", "port torque: ", 0.2),
         ("sign flips", "actuator", "they turn opposite ways", 0.05),
@@ -65,9 +75,9 @@ def test_the_short_round_ends_safely(prepared: Prepared, case: Case) -> None:
     ],
 )
 def test_each_is_noticed_by_the_guard_that_is_there_for_it(
-    prepared: Prepared, name: str, on: str, words: str, within_s: float
+    outcome_of: Callable[[str, str], CaseResult], name: str, on: str, words: str, within_s: float
 ) -> None:
-    outcome = rehearse(prepared, named(name, on))
+    outcome = outcome_of(name, on)
     assert_safe(outcome)
     assert any(each in outcome.guard for each in words.split("|"))
     assert outcome.detected_s is not None
@@ -76,7 +86,7 @@ def test_each_is_noticed_by_the_guard_that_is_there_for_it(
 
 @pytest.fixture(scope="module")
 def elastic() -> Prepared:
-    return prepare(load_rig(RIGS / "sim-series-elastic.toml"))
+    return prepare(half_rate("sim-series-elastic"))
 
 
 @pytest.mark.parametrize(
@@ -96,12 +106,12 @@ def test_without_a_law_of_the_actuator_it_ends_as_safely(elastic: Prepared, name
     assert outcome.drives == {"actuator": "idle", "load": "idle"}
 
 
-def test_what_was_ridden_through_is_shown_to_have_been_there(prepared: Prepared) -> None:
-    outcome = rehearse(prepared, named("messages corrupted", "torque_sensor"))
+def test_what_was_ridden_through_is_shown_to_have_been_there(outcome_of: Callable[[str, str], CaseResult]) -> None:
+    outcome = outcome_of("messages corrupted", "torque_sensor")
     assert outcome.verdict is Verdict.RIDDEN_THROUGH
     assert "[torque_sensor]: messages that could not be decoded, 3 times" in outcome.counted
     assert "3 hit on their way" in outcome.evidence
-    caught = rehearse(prepared, named("frames corrupted, check fails", "can0"))
+    caught = outcome_of("frames corrupted, check fails", "can0")
     assert "bus can0: bus error, 50 times" in caught.evidence
 
 

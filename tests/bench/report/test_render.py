@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.results import Cogging
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.models.terms import NetworkTerm
+from norton_bench.report import figures_fit, figures_tables
 from norton_bench.report.render import DIGITS, derived_facts, model_of, render, row, write_report
 from norton_bench.result import Result
 from norton_drivers.servo import Servo
@@ -70,12 +72,17 @@ def page_of_all(full: Result) -> str:
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made and left blank: drawing takes nearly all of a page's time."""
+    """Figures are made, of few points, and left blank: drawing takes nearly all of a page's time."""
 
     def blank(_: FigureCanvasSVG, file: TextIO, **_more: object) -> None:
         file.write('<svg viewBox="0 0 1 1"></svg>')
 
+    def few(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return time_s[::100], values[::100]
+
     monkeypatch.setattr(FigureCanvasSVG, "print_svg", blank)
+    for module in (figures_fit, figures_tables):
+        monkeypatch.setattr(module, "envelope", few)
 
 
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
@@ -101,25 +108,38 @@ def test_no_stand_in_colour_is_left(page_of_all: str) -> None:
     assert "#0a00" not in page_of_all
 
 
+# What a full report has, and the sections that are gone without it.
+GONE: dict[str, set[str]] = {
+    "metadata": set(),
+    "notes": set(),
+    "fit": {"equation", "derived", "fit", "impedance", "without-model"},
+    "without_model": {"without-model"},
+    "residuals": {"residuals"},
+    "validation": {"validation"},
+    "source_map": set(),
+    "blocked_map": {"blocked"},
+    "conditions": {"conditions"},
+    "ladder": {"friction"},
+    "trials": {"trials"},
+    "in_situ": {"in-situ"},
+    "live": {"live"},
+    "measured": {"timing", "events", "impedance", "live"},
+}
+
+
 @pytest.mark.usefixtures("undrawn")
-@pytest.mark.parametrize("missing", [f.name for f in fields(Result) if f.name not in ("rig_name", "rig_text")])
+@pytest.mark.parametrize("missing", GONE)
 def test_any_part_may_be_missing(full: Result, missing: str) -> None:
     empty = Result(full.rig_name)
     page = Outline(render(replace(full, **{missing: getattr(empty, missing)})))
-    gone = {
-        "fit": {"equation", "derived", "fit", "impedance", "without-model"},
-        "without_model": {"without-model"},
-        "residuals": {"residuals"},
-        "validation": {"validation"},
-        "blocked_map": {"blocked"},
-        "conditions": {"conditions"},
-        "ladder": {"friction"},
-        "trials": {"trials"},
-        "in_situ": {"in-situ"},
-        "live": {"live"},
-        "measured": {"timing", "events", "impedance", "live"},
-    }
-    assert set(SECTIONS) - set(page.sections) == gone.get(missing, set())
+    assert set(SECTIONS) - set(page.sections) == GONE[missing]
+
+
+def test_every_other_part_is_missing_from_the_full_report(full: Result) -> None:
+    """No page is needed to show that it may be missing."""
+    empty = Result(full.rig_name)
+    others = {each.name for each in fields(Result)} - set(GONE) - {"rig_name", "rig_text"}
+    assert all(getattr(full, name) == getattr(empty, name) for name in others)
 
 
 def test_a_rig_alone_still_gives_a_page() -> None:
@@ -191,11 +211,13 @@ def test_an_assembled_actuator_has_its_trials_and_its_source(page_of_all: str) -
     assert "Trials differ by 0.0080 rad/s rms." in page_of_all
 
 
-def test_text_from_outside_is_escaped(full: Result) -> None:
-    text = render(replace(full, rig_name="<b>x</b>"))
-    assert "<b>x</b>" not in text
-    assert "<a rig>" not in text
-    assert "<removed>" not in text
+@pytest.mark.usefixtures("undrawn")
+def test_text_from_outside_is_escaped(full: Result, page_of_all: str) -> None:
+    """The rig's name is in no figure."""
+    assert "<b>x</b>" not in render(replace(full, rig_name="<b>x</b>"))
+    for text in ("a rig", "removed"):
+        assert f"<{text}>" not in page_of_all
+        assert f"&lt;{text}&gt;" in page_of_all
 
 
 def test_a_report_that_cannot_be_written_says_so(full: Result, tmp_path) -> None:

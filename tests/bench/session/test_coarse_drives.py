@@ -21,8 +21,8 @@ SESSION = Session(
     (
         Step("tare", TareOptions(duration_s=0.5)),
         Step("calibrate", CalibrateOptions(duration_s=4.0)),
-        Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=3.0)),
-        Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=4.0)),
+        Step("free", FreeOptions(levels=3, dwell_s=0.2, duration_s=2.0)),
+        Step("imposed", ImposedOptions(velocities_rad_s=(-20.0, 20.0), commands=2, duration_s=3.0)),
     ),
     place="test",
 )

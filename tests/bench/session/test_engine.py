@@ -34,6 +34,7 @@ from norton_bench.session.live_feed import replayed
 from norton_bench.session.schema import Session, Step
 from norton_sim.tools import true_parameters
 from tests.bench.bench_in_simulation import opened
+from tests.bench.session.conclusions import fit_alone
 from tests.bench.whole_session import CALIBRATE, RIG, SEED, SESSION, TARE, Performed, whole_session
 
 METADATA_OF_THE_END = OUTCOME.encode()
@@ -154,14 +155,15 @@ def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_p
     begun_ns = next(segment.start_ns for segment in measured.segments if segment.use is Use.VALIDATE)
     deaf = replace(measured, torque=measured.torque[measured.torque["arrival_ns"] < begun_ns])
     recording = read_recording(performed.result.recording, raw_frames=False)
-    result = conclude(
-        deaf,
-        rig_text=recording.rig_text,
-        metadata=recording.metadata,
-        live=(),
-        recording=tmp_path / "deaf",
-        out=tmp_path,
-    )
+    with fit_alone():
+        result = conclude(
+            deaf,
+            rig_text=recording.rig_text,
+            metadata=recording.metadata,
+            live=(),
+            recording=tmp_path / "deaf",
+            out=tmp_path,
+        )
     assert result.validation is None
     assert result.fit is not None
     assert result.fit.converged

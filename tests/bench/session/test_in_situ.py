@@ -12,10 +12,10 @@ from norton_bench.cli import app
 from norton_bench.errors import ExitCode
 from norton_bench.recording.reader import read_recording
 from norton_bench.session.resume import finished_in_all
+from tests.bench.half_rate import half_rate_text
 
-ROOT = Path(__file__).parents[3]
-SESSION = f"""\
-rig = "{ROOT / "rigs" / "sim-in-situ.toml"}"
+SESSION = """\
+rig = "rig.toml"
 seed = 1
 [[step]]
 do = "tare"
@@ -36,6 +36,7 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What the session printed; its report lies beside its recording."""
     folder = tmp_path_factory.mktemp("in-situ")
     (folder / "session.toml").write_text(SESSION)
+    (folder / "rig.toml").write_text(half_rate_text("sim-in-situ"))
     arguments = ["run", str(folder / "session.toml"), "--out", str(folder / "run"), "--quiet", "--json"]
     with redirect_stdout(StringIO()) as printed:
         assert app.main(arguments) == ExitCode.OK

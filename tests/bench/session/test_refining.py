@@ -24,6 +24,7 @@ from norton_bench.segments import Use
 from norton_bench.session.engine import run_session
 from norton_bench.session.schema import Session, Step, refining_session
 from norton_sim.tools import true_parameters
+from tests.bench.session.conclusions import fit_alone
 
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")
@@ -48,7 +49,8 @@ class Refined:
 def refined(tmp_path_factory: pytest.TempPathFactory) -> Refined:
     events: list[SessionEvent] = []
     out = tmp_path_factory.mktemp("refined")
-    result = run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, on_event=events.append, live=False)
+    with fit_alone():
+        result = run_session(RIG, Session(STEPS, "test"), out=out, seed=SEED, on_event=events.append, live=False)
     return Refined(result, [event.text for event in events if isinstance(event, Note)])
 
 

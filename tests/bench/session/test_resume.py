@@ -21,6 +21,7 @@ from norton_bench.session.operator import Order
 from norton_bench.session.resume import EarlierSession, before, read_earlier
 from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
+from tests.bench.session.conclusions import fit_alone
 
 RIG = half_rate("sim-odrive")
 TEXT = """\
@@ -91,9 +92,10 @@ class Both:
 
 def ran(out: Path, watcher: Stopper, resume: Path | None = None) -> Result:
     out.mkdir()
-    return run_session(
-        RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume, live=False
-    )
+    with fit_alone():
+        return run_session(
+            RIG, SESSION, out=out, seed=1, on_event=watcher.watch, operator=watcher, resume=resume, live=False
+        )
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +139,8 @@ def test_the_results_are_of_both_recordings(both: Both) -> None:
 
 
 def test_a_recording_that_resumes_another_is_fitted_with_it(both: Both, tmp_path: Path) -> None:
-    fit = conclude_recording(both.resumed.recording, tmp_path).fit
+    with fit_alone():
+        fit = conclude_recording(both.resumed.recording, tmp_path).fit
     assert fit is not None
     assert fit.estimate("inertia").value == both.resumed.parameter("inertia").value
 

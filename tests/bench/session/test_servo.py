@@ -22,7 +22,7 @@ RIG = Path(__file__).parents[3] / "rigs" / "sim-servo.toml"
 STEPS = (
     Step("tare", TareOptions(duration_s=0.5)),
     Step("calibrate", CalibrateOptions(duration_s=4.0)),
-    Step("imposed", ImposedOptions(duration_s=4.0)),
+    Step("imposed", ImposedOptions(duration_s=2.0)),
 )
 # Of simulated cogging, whose period a short session does not travel: 0.3 mN m, 42 periods a turn.
 COGGING_STIFFNESS_NM_RAD = 42 * 0.3e-3

@@ -28,9 +28,9 @@ from norton_bench.session.engine import record_procedures, run_session
 from norton_bench.session.schema import Session, Step, WrittenFault
 from norton_bench.units import Units
 from norton_sim.truth import Truth, read_truth
-from tests.bench.half_rate import half_rate
+from tests.bench.half_rate import low_rate
 
-RIG = half_rate("sim-variable-stiffness")
+RIG = low_rate("sim-variable-stiffness")
 ENDS = ("0 N*m/rad", "4 N*m/rad")
 SOURCE = TabulateSourceOptions(levels=2, lowest=0.0, highest=0.5, read_s=0.2)
 IMPEDANCE = TabulateImpedanceOptions(
@@ -57,7 +57,7 @@ def found_on(seed: int) -> Modulated:
     if seed != SEEDS[0]:
         again = ModulatedProcedure(TabulateImpedanceProcedure(IMPEDANCE), (0.0, 4.0))
         recorded = record_procedures(
-            RIG, Session((), "again"), (again,), out=Path(mkdtemp()), known=result().knowledge, seed=seed
+            RIG, Session((), "again"), (again,), out=Path(mkdtemp()), known=result().knowledge, seed=seed, live=False
         )
         source, exertion = None, exertion_table(recorded.measured, RIG.tick_s)
     found = modulated(source, exertion)

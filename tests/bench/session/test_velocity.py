@@ -17,20 +17,21 @@ from norton_bench.session.engine import record_session
 from norton_bench.session.items import Session, Step
 from norton_bench.session.run import guard_model_of
 from norton_bench.session.schema import standard_session
+from tests.bench.half_rate import half_rate
 from tests.bench.session.free_servo import motion_in_mujoco, true_places
 
 RIG = Path(__file__).parents[3] / "rigs" / "sim-mit-velocity.toml"
 STEPS = (
     Step("tare", TareOptions(duration_s=0.5)),
     Step("calibrate", CalibrateOptions(duration_s=4.0)),
-    Step("free", FreeOptions(levels=5, dwell_s=0.3, duration_s=3.0)),
-    Step("imposed", ImposedOptions(duration_s=4.0)),
+    Step("free", FreeOptions(levels=4, dwell_s=0.3, duration_s=2.0)),
+    Step("imposed", ImposedOptions(duration_s=2.0)),
 )
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    rig = load_rig(RIG)
+    rig = half_rate(RIG.stem)
     return record_session(
         rig, Session(STEPS, "a short one"), out=tmp_path_factory.mktemp("velocity"), seed=51, live=False
     )
@@ -38,7 +39,7 @@ def recorded(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def fitted(recorded):
-    rig = load_rig(RIG)
+    rig = half_rate(RIG.stem)
     return fit(recorded.measured, command_unit=rig.command.unit, tick_s=rig.tick_s, draws=0)
 
 
