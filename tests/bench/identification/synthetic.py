@@ -301,6 +301,14 @@ def experiment(seed=0, truth=None, bench=None, *, free=True, blocked=True, impos
     return run(plan, truth, bench, seed)
 
 
+def brief(seed=0, truth=None, bench=None, *, multisine_s=14.0):
+    """Multisines of command and imposed motion alone: they tell everything, in a quarter of an experiment's time."""
+    truth, bench = truth or Truth(), bench or Bench()
+    plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), PUSHED)
+    *_, wave, rest = imposed_parts(Plan(), truth, np.random.default_rng([seed, 6]), multisine_s).parts
+    return run(replace(plan, parts=[*plan.parts, wave, rest]), truth, bench, seed)
+
+
 def validation(seed=0, truth=None, bench=None):
     truth, bench = truth or Truth(), bench or Bench()
     rng = np.random.default_rng([seed, 7])
