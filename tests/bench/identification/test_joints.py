@@ -25,18 +25,9 @@ FAR = 3.7
 BENCH = synthetic.Bench(departs=Departs(joint_stiffness=10.0, joint_damping=4e-3, output_inertia=1e-5))
 
 
-def multisines_and_grids():
-    """Half of an experiment: in its staircases and loops a joint hardly twists."""
-    truth, rng = synthetic.Truth(), np.random.default_rng([5, 6])
-    plan = synthetic.Plan().add("tare", "rest", Use.TARE, np.zeros(300), synthetic.PUSHED)
-    whole = synthetic.imposed_parts(synthetic.free_parts(synthetic.Plan(), truth, rng, 8.0), truth, rng, 4.0)
-    plan.parts += [part for part in whole.parts if part[1].split()[0] in ("multisine", "grid", "rest")]
-    return synthetic.run(plan, truth, BENCH, seed=5)
-
-
 @pytest.fixture(scope="module")
 def told():
-    return judged_with_few_draws(multisines_and_grids())
+    return judged_with_few_draws(synthetic.varied(5, BENCH))
 
 
 def test_a_joint_is_asked_for_by_the_residual_and_leaves_noise(told):

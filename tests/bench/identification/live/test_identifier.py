@@ -23,22 +23,27 @@ LONGER_S = 16.0
 
 
 @pytest.fixture(scope="module")
-def history(experiment):
+def varied():
+    return synthetic.varied(1)
+
+
+@pytest.fixture(scope="module")
+def history(varied):
     """In short parts as long as nothing may be concluded, then in long ones."""
-    identifier, imposed_ns = LiveIdentifier("N*m", TICK_S), blocked_ns(experiment)
-    before = experiment.between(int(experiment.ticks["tick_ns"][0]), imposed_ns)
-    after = experiment.between(imposed_ns, int(experiment.ticks["tick_ns"][-1]) + 1)
-    return feed(identifier, before) + feed(identifier, after, 2 * LONG_S)
+    identifier, imposed_ns = LiveIdentifier("N*m", TICK_S), first_imposed_ns(varied)
+    before = varied.between(int(varied.ticks["tick_ns"][0]), imposed_ns)
+    after = varied.between(imposed_ns, int(varied.ticks["tick_ns"][-1]) + 1)
+    return feed(identifier, before) + feed(identifier, after, LONG_S)
 
 
-def blocked_ns(experiment):
+def first_imposed_ns(measured):
     """When motion is first imposed."""
-    return next(segment.start_ns for segment in experiment.segments if segment.procedure == "blocked")
+    return next(segment.start_ns for segment in measured.segments if segment.procedure == "imposed")
 
 
 @pytest.fixture(scope="module")
 def excited():
-    return exciting_for(20.0)
+    return exciting_for(SEARCHED_S)
 
 
 def test_all_is_found_from_nothing(history):
@@ -50,26 +55,27 @@ def test_all_is_found_from_nothing(history):
         assert abs(estimate.value - truth) < 3 * estimate.std + 0.01 * truth, estimate
 
 
-def test_a_network_comes_only_with_imposed_motion(experiment, history):
+def test_a_network_comes_only_with_imposed_motion(varied, history):
     """The free experiment sets no scale: not one network before motion is imposed."""
-    assert all(state.network is None for state in history if state.stamp_ns < blocked_ns(experiment))
+    before = [state for state in history if state.stamp_ns < first_imposed_ns(varied)]
+    assert before[-1].estimates
+    assert all(state.network is None for state in before)
     assert history[0].estimates == ()
 
 
-def test_validation_segments_are_not_learned_from(experiment):
-    unseen = tuple(replace(segment, use=Use.VALIDATE) for segment in experiment.segments)
-    assert feed(LiveIdentifier("N*m", TICK_S), replace(experiment, segments=unseen))[-1].samples == 0
+def test_validation_segments_are_not_learned_from(varied):
+    unseen = tuple(replace(segment, use=Use.VALIDATE) for segment in varied.segments)
+    assert feed(LiveIdentifier("N*m", TICK_S), replace(varied, segments=unseen))[-1].samples == 0
 
 
-def test_without_torque_there_are_ratios_alone(without_torque):
-    start_ns = int(without_torque.ticks["tick_ns"][0])
-    seen = without_torque.between(start_ns, start_ns + 45 * 10**9)
-    assert {"free", "blocked", "imposed"} <= {segment.procedure for segment in seen.segments}
+def test_without_torque_there_are_ratios_alone(varied):
+    seen = replace(varied, torque=varied.torque[:0])
+    assert {"free", "imposed"} <= {segment.procedure for segment in seen.segments}
     history = feed(LiveIdentifier("N*m", TICK_S), seen, LONG_S)
     assert all(state.network is None for state in history)
-    free = at(history, without_torque, 20.0)
-    assert free["inertia"].status is Status.RATIO_ONLY
-    assert free["amplifier_bandwidth"].status is Status.VALID
+    known = at(history, seen, np.inf)
+    assert known["inertia"].status is Status.RATIO_ONLY
+    assert known["amplifier_bandwidth"].status is Status.VALID
 
 
 def test_the_names_are_the_tables(history):
@@ -117,14 +123,14 @@ def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
 
 
 def test_slow_drift_is_followed_and_the_rest_stays():
-    measured = drifting(exciting_for(100.0), damping_share=0.3, coulomb_share=0.2)
-    history = feed(LiveIdentifier("N*m", TICK_S), measured, 60.0)
+    measured = drifting(exciting_for(60.0), damping_share=0.3, coulomb_share=0.2)
+    history = feed(LiveIdentifier("N*m", TICK_S), measured, 40.0)
     changed = {"viscous_damping": 1.3, "coulomb_torque": 1.2, "presliding_stiffness": 1.2}
     for estimate in history[-1].estimates:
         truth = getattr(Truth(), estimate.name) * changed.get(estimate.name, 1.0)
         assert estimate.status is Status.VALID
         assert estimate.value == pytest.approx(truth, rel=0.06 if estimate.name == "presliding_damping" else 0.025)
-    half = at(history, measured, 60.0)
+    half = at(history, measured, 40.0)
     assert half["viscous_damping"].value == pytest.approx(1.15 * Truth().viscous_damping, rel=0.025)
     assert half["coulomb_torque"].value == pytest.approx(1.1 * Truth().coulomb_torque, rel=0.025)
     overall = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
@@ -173,9 +179,8 @@ def test_bad_parts_never_poison(excited, how):
 
 def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_session_runs():
     """Friction that is 30 % greater at rest: half a minute of unlike motions is enough to tell it from all else."""
-    measured = synthetic.experiment(seed=4, bench=synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
-    start_ns = int(measured.ticks["tick_ns"][0])
-    last = feed(LiveIdentifier("N*m", TICK_S), measured.between(start_ns, start_ns + 27_000_000_000), LONG_S)[-1]
+    measured = synthetic.varied(4, synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
+    last = feed(LiveIdentifier("N*m", TICK_S), measured, 11.5)[-1]  # terms are sought in both halves
     coulomb = Truth().coulomb_torque
     true = {"coulomb_torque": 0.7 * coulomb, "stribeck_torque": 0.3 * coulomb, "stribeck_velocity": 5.0}
     assert [term.name for term in last.network.relative_terms] == ["stribeck"]
@@ -186,8 +191,8 @@ def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_sessio
 
 
 def test_one_motion_does_not_tell_what_is_missing_but_that_something_is():
-    measured = exciting_for(20.0, departs=Departs(stribeck_drop=0.3))
-    last = feed(LiveIdentifier("N*m", TICK_S), measured, LONG_S)[-1]
+    measured = exciting_for(SEARCHED_S, departs=Departs(stribeck_drop=0.3))
+    last = feed(LiveIdentifier("N*m", TICK_S), measured, SEARCHED_S)[-1]
     assert last.network is None
     assert {estimate.status for estimate in last.estimates} == {Status.INADEQUATE}
 
@@ -201,7 +206,7 @@ def test_a_clock_set_back_is_survived(excited):
 
 def test_another_machine_is_found_anew(excited):
     """What fits nothing known any more, for seconds, is not averaged with what was."""
-    second = drifting(exciting_for(20.0, 2), 2.0, 2.0, from_s=-1e9)
+    second = drifting(exciting_for(SEARCHED_S, 2), 2.0, 2.0, from_s=-1e9)
     identifier = LiveIdentifier("N*m", TICK_S)
     feed(identifier, excited, LONG_S)
     last = feed(identifier, second, LONG_S)[-1]
