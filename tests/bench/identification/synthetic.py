@@ -301,6 +301,24 @@ def experiment(seed=0, truth=None, bench=None, *, free=True, blocked=True, impos
     return run(plan, truth, bench, seed)
 
 
+def brief(seed=0, truth=None, bench=None, *, multisine_s=14.0):
+    """Multisines of command and imposed motion alone: they tell everything, in a quarter of an experiment's time."""
+    truth, bench = truth or Truth(), bench or Bench()
+    plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), PUSHED)
+    *_, wave, rest = imposed_parts(Plan(), truth, np.random.default_rng([seed, 6]), multisine_s).parts
+    return run(replace(plan, parts=[*plan.parts, wave, rest]), truth, bench, seed)
+
+
+def varied(seed=0, bench=None):
+    """Multisines free and imposed, and constant speeds: what tells departures apart, in 24 s. Staircases and loops,
+    which take as long, tell less of them."""
+    rng = np.random.default_rng([seed, 6])
+    plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), PUSHED)
+    whole = imposed_parts(free_parts(Plan(), Truth(), rng, 8.0), Truth(), rng, 4.0)
+    kept = [part for part in whole.parts if part[1].split()[0] in ("multisine", "grid", "rest")]
+    return run(replace(plan, parts=[*plan.parts, *kept]), Truth(), bench or Bench(), seed)
+
+
 def validation(seed=0, truth=None, bench=None):
     truth, bench = truth or Truth(), bench or Bench()
     rng = np.random.default_rng([seed, 7])

@@ -40,14 +40,9 @@ def within_targets(result, truth):
     return all(abs(error) < (0.15 if name in LOOSE else 0.03) for name, error in errors(result, truth).items())
 
 
-def shortened(seed, truth=None, bench=None):
-    """The part of an experiment that tells most, in a third of the time."""
-    return synthetic.experiment(seed, truth, bench, free=False, blocked=False, multisine_s=10.0)
-
-
 @pytest.fixture(scope="module")
 def short():
-    return shortened(1)
+    return synthetic.brief(1)
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +66,9 @@ def test_current_tells_torque_constant_and_gain_apart(result):
         assert estimate.std < 0.01 * estimate.value
 
 
-def test_a_drive_that_reports_its_current_slowly_will_do(experiment):
+def test_a_drive_that_reports_its_current_slowly_will_do(short):
     """ODrive sends it every 10 ms: far too slowly to be interpolated."""
-    result = fit(replace(experiment, current=experiment.current[::10]), command_unit="N*m", tick_s=TICK_S, draws=0)
+    result = fit(replace(short, current=short.current[::10]), command_unit="N*m", tick_s=TICK_S, draws=0)
     estimate = result.estimate("torque_constant")
     assert abs(estimate.value - Truth().torque_constant) < 3 * estimate.std
     assert estimate.std < 0.01 * estimate.value
@@ -94,7 +89,7 @@ def test_a_current_in_coarse_steps_widens_its_interval_alone(short, result_of_sh
 
 def test_a_contact_that_the_encoder_does_not_resolve_is_not_told(result_of_short):
     """Steps of 0.1 degrees, as a CubeMars sends them: 1.2 to the way in which this friction builds up."""
-    coarse = fit(shortened(1, bench=Bench(counts=3600.0)), command_unit="N*m", tick_s=TICK_S, draws=0)
+    coarse = fit(synthetic.brief(1, bench=Bench(counts=3600.0)), command_unit="N*m", tick_s=TICK_S, draws=0)
     statuses = {name: coarse.estimate(name).status for name in NAMES}
     untold = {"presliding_stiffness", "presliding_damping"}
     assert {name for name, status in statuses.items() if status is Status.UNEXCITED} == untold
@@ -121,7 +116,7 @@ def test_a_motion_that_chatters_within_its_counts_needs_finer_ones():
 
 def test_coarse_counts_widen_the_intervals_of_friction(result_of_short):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
-    measured = shortened(1, bench=Bench(counts=18_000.0))
+    measured = synthetic.brief(1, bench=Bench(counts=18_000.0))
     coarse = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     assert np.all(np.abs(deviates(coarse, Truth())) < 3)
     for name in ("presliding_stiffness", "presliding_damping"):
@@ -149,7 +144,7 @@ def test_other_true_values_are_found_as_well(seed):
     """
     factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
     truth = Truth(*(Truth().array() * factors))
-    result = fit(synthetic.experiment(seed, truth), command_unit="N*m", tick_s=TICK_S, draws=0)
+    result = fit(synthetic.brief(seed, truth), command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, truth), errors(result, truth)
     # 95 of 100 within 3 deviations is the promise; of 7, one outside by a little has a chance in three.
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
@@ -158,11 +153,11 @@ def test_other_true_values_are_found_as_well(seed):
 def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
     """Every twentieth command lies below the least one: taken for a lag, that makes the amplifier seem quicker."""
     bench = Bench(least_command=2e-3)
-    experiment = synthetic.experiment(5, bench=bench, free=False, blocked=False)
+    experiment = synthetic.brief(5, bench=bench)
     released = 1.0 - np.count_nonzero(experiment.ticks["command"]) / len(experiment.ticks)
     assert released > 0.05
     known = replace(experiment, chain=Chain(released_at_zero=frozenset({"actuator"})))
-    told = fit(known, command_unit="N*m", tick_s=TICK_S)
+    told = fit(known, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     not_told = fit(experiment, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert np.all(np.abs(deviates(told, Truth())) < 4.0)
     assert told.torque_rms_nm < not_told.torque_rms_nm
@@ -170,13 +165,16 @@ def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
     assert other.value - lag.value > 5 * lag.std
 
 
-def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
+def test_a_sensor_that_averages_is_no_lag_of_the_amplifier():
     """Three readings are as wide as 2.83 ms of a flat average."""
-    torque, window_s = experiment.torque.copy(), np.sqrt(8.0) * TICK_S
+    measured = synthetic.brief(1, multisine_s=28.0)
+    torque, window_s = measured.torque.copy(), np.sqrt(8.0) * TICK_S
     torque["torque_nm"] = np.convolve(torque["torque_nm"], np.full(3, 1 / 3), "same")
-    averaged = replace(experiment, torque=torque)
+    averaged = replace(measured, torque=torque)
+    result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     not_told = fit(averaged, command_unit="N*m", tick_s=TICK_S, draws=0)
-    told = fit(replace(averaged, chain=Chain(torque_averaging_s=window_s)), command_unit="N*m", tick_s=TICK_S)
+    known_window = replace(averaged, chain=Chain(torque_averaging_s=window_s))
+    told = fit(known_window, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
     for name in ("amplifier_bandwidth", "inertia"):
         known, found = result.estimate(name), told.estimate(name)
         assert found.value == pytest.approx(known.value, abs=2 * np.hypot(found.std, known.std))
@@ -188,15 +186,15 @@ def test_a_sensor_that_averages_is_no_lag_of_the_amplifier(experiment, result):
 
 
 def test_a_sensor_without_a_clock_of_its_own_will_do():
-    measured = synthetic.experiment(2, bench=Bench(device_clock=False), free=False, blocked=False)
+    measured = synthetic.brief(2, bench=Bench(device_clock=False))
     result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
 
-def test_lost_readings_do_no_harm(experiment):
-    keep = np.random.default_rng(0).random(len(experiment.motion)) > 0.002
-    keep_torque = np.random.default_rng(1).random(len(experiment.torque)) > 0.002
-    measured = replace(experiment, motion=experiment.motion[keep], torque=experiment.torque[keep_torque])
+def test_lost_readings_do_no_harm(short):
+    keep = np.random.default_rng(0).random(len(short.motion)) > 0.002
+    keep_torque = np.random.default_rng(1).random(len(short.torque)) > 0.002
+    measured = replace(short, motion=short.motion[keep], torque=short.torque[keep_torque])
     result = fit(measured, command_unit="N*m", tick_s=TICK_S, draws=0)
     assert within_targets(result, Truth()), errors(result, Truth())
 
@@ -296,7 +294,7 @@ def test_intervals_hold_what_they_promise(bench):
     deviations = []
     for seed in range(40, 46):
         truth = Truth(*(Truth().array() * 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)))
-        measured = shortened(seed, truth, bench)
+        measured = synthetic.brief(seed, truth, bench)
         deviations.append(deviates(fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS), truth))
     # Of 42 intervals of 95 %, fewer than 35 hold the truth once in a thousand; the rms is 1 ± 0.11.
     assert np.count_nonzero(np.abs(deviations) < 1.96) >= 35
@@ -305,9 +303,9 @@ def test_intervals_hold_what_they_promise(bench):
     assert np.max(np.abs(np.mean(deviations, axis=0))) < 1.6
 
 
-def test_cogging_is_taken_out(result, experiment):
+def test_cogging_is_taken_out(short):
     """42 periods a turn of 0.3 mN·m stand in the record, and in no estimate."""
-    solution = solve(signals(experiment, TICK_S, Use.IDENTIFY))
+    solution = solve(signals(short, TICK_S, Use.IDENTIFY))
     assert solution.regression.cogging == (42.0,)
     cosine, sine = solution.linear[5:7]
     assert np.hypot(cosine, sine) == pytest.approx(0.3e-3, rel=0.1)
@@ -319,7 +317,7 @@ def test_the_amplitude_of_cogging_has_an_interval():
     deviations = []
     for seed in range(60, 70):
         size = 0.3e-3 * (1 + seed % 4)
-        measured = synthetic.experiment(seed, bench=Bench(cogging_nm=size), blocked=False)
+        measured = synthetic.brief(seed, bench=Bench(cogging_nm=size))
         solution = solve(signals(measured, TICK_S, Use.IDENTIFY))
         waves = {each.periods_per_turn: each for each in cogging_found(solution, covariance_of(solution), 1.0)}
         wave = waves[42.0]

@@ -27,7 +27,7 @@ BENCH = synthetic.Bench(departs=Departs(joint_stiffness=10.0, joint_damping=4e-3
 
 @pytest.fixture(scope="module")
 def told():
-    return judged_with_few_draws(synthetic.experiment(seed=5, bench=BENCH, blocked=False, multisine_s=10.0))
+    return judged_with_few_draws(synthetic.varied(5, BENCH))
 
 
 def test_a_joint_is_asked_for_by_the_residual_and_leaves_noise(told):

@@ -21,6 +21,11 @@ from tests.bench.identification.synthetic import TICK_S
 
 
 @pytest.fixture(scope="module")
+def varied():
+    return synthetic.varied(1)
+
+
+@pytest.fixture(scope="module")
 def stretches(experiment):
     return signals(experiment, TICK_S, Use.IDENTIFY)
 
@@ -77,11 +82,11 @@ def test_a_torque_limit_is_as_good_as_what_was_taken_off_to_find_it(error, resul
     assert estimates[-1] == replace(limit, status=status)
 
 
-def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(experiment):
+def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(varied):
     """On a serial line: the wait differs from pause to pause, by up to a tick."""
-    torque = experiment.torque.copy()
+    torque = varied.torque.copy()
     torque["arrival_ns"] = synthetic.looked_at(torque["arrival_ns"], np.random.default_rng(1))
-    found = judged_with_few_draws(replace(experiment, torque=torque))
+    found = judged_with_few_draws(replace(varied, torque=torque))
     assert found.error.departures == ()
     assert all(each.status is Status.VALID for each in found.result.estimates), found.result.verdict
 
@@ -183,15 +188,15 @@ def test_no_machine_has_a_negative_inertia(result):
     assert "No network is written" in below.verdict[-1]
 
 
-def test_a_fit_alone_is_judged_as_a_session_is(experiment, result):
+def test_a_fit_alone_is_judged_as_a_session_is(varied):
     """What a sweep reports: here with friction that is not the same both ways."""
-    torque = experiment.torque.copy()
-    stamps = experiment.motion["arrival_ns"].astype(float)
-    velocity = np.gradient(experiment.motion["position_rad"], stamps * 1e-9)
+    torque = varied.torque.copy()
+    stamps = varied.motion["arrival_ns"].astype(float)
+    velocity = np.gradient(varied.motion["position_rad"], stamps * 1e-9)
     speed = np.interp(torque["arrival_ns"].astype(float), stamps, np.abs(velocity))
     torque["torque_nm"] -= 2e-3 * (speed > 0.5)
-    told = judged_with_few_draws(replace(experiment, torque=torque)).result
+    told = judged_with_few_draws(replace(varied, torque=torque)).result
     assert "friction differs between the two directions" in " ".join(told.verdict)
     assert told.estimate("coulomb_asymmetry").value == pytest.approx(0.1, abs=0.01)
     # The mean of both ways is what it was.
-    assert told.estimate("coulomb_torque").value == pytest.approx(result.estimate("coulomb_torque").value, rel=0.01)
+    assert told.estimate("coulomb_torque").value == pytest.approx(synthetic.Truth().coulomb_torque, rel=0.01)

@@ -10,7 +10,7 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling, Prior
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
-from norton_bench.identification.fit import solution_of
+from norton_bench.identification.fit import fit, solution_of
 from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.model_error import folded_ringing
 from norton_bench.identification.motor_values import physical
@@ -25,6 +25,17 @@ from tests.bench.identification.synthetic import TICK_S, Bench, Truth
 
 RESONANCE_HZ, LOAD_KGM2 = 1015.0, 1.2e-4
 MOBILITY = 1.0 / Truth().inertia + 1.0 / LOAD_KGM2
+
+
+@pytest.fixture(scope="module")
+def brief():
+    return synthetic.brief(1, multisine_s=20.0)
+
+
+@pytest.fixture(scope="module")
+def result_of_brief(brief):
+    """Of its simulated records only the bench that makes them is used."""
+    return fit(brief, command_unit="N*m", tick_s=TICK_S, draws=2)
 
 
 def coupling(resonance_hz=RESONANCE_HZ):
@@ -104,19 +115,20 @@ def found_in(measured, result, spring):
 
 # At exactly the rate of the readings stiffer and softer springs look alike: the prior decides there.
 @pytest.mark.parametrize(("off", "ratio", "within"), [(1.0, 0.02, 0.01), (0.985, 0.06, 0.03)])
-def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment, result, off, ratio, within):
+def test_the_readings_tell_the_spring_where_the_calibration_does_not(brief, result_of_brief, off, ratio, within):
     """Its damping could be anything, its stiffness is known to 2 %, and the load is 150 µs later than was told."""
     true = replace(coupling(off * RESONANCE_HZ).damped(ratio, Truth().inertia), load_extra_delay_s=1.5e-4)
-    measured = shaken(experiment, result, true)
-    quiet, _, _ = found_in(measured, result, replace(coupling(), damping_std_nms_rad=1.0))
+    measured = shaken(brief, result_of_brief, true)
+    quiet, _, _ = found_in(measured, result_of_brief, replace(coupling(), damping_std_nms_rad=1.0))
     told = quiet.coupling
     assert told.stiffness_nm_rad == pytest.approx(true.stiffness_nm_rad, rel=within)
     assert told.damping_nms_rad == pytest.approx(true.damping_nms_rad, rel=0.2)
     assert told.damping_std_nms_rad < 0.1 * told.damping_nms_rad
-    assert told.load_extra_delay_s == pytest.approx(1.5e-4, abs=2e-5)
+    # A whole experiment tells it to 20 µs, and a third of that, of independent noise, to √3 times as much.
+    assert told.load_extra_delay_s == pytest.approx(1.5e-4, abs=3.5e-5)
     # What was taken off is what was put in.
-    put_in = measured.torque["torque_nm"] - experiment.torque["torque_nm"]
-    left = quiet.measured.torque["torque_nm"] - experiment.torque["torque_nm"]
+    put_in = measured.torque["torque_nm"] - brief.torque["torque_nm"]
+    left = quiet.measured.torque["torque_nm"] - brief.torque["torque_nm"]
     assert np.std(left) < 0.2 * np.std(put_in)
 
 
@@ -125,7 +137,7 @@ def test_parameters_biased_by_ringing_are_corrected():
     stiffer, and the load for a quarter of a millisecond quicker than it is."""
     stiffness = (2 * np.pi * 1200.0) ** 2 / MOBILITY
     bench = Bench(stiffness=stiffness, damping=0.01, noise_nm=3e-4)
-    measured = synthetic.experiment(3, bench=bench)
+    measured = synthetic.brief(3, bench=bench, multisine_s=20.0)
     stretches, ticks = signals(measured, TICK_S, Use.IDENTIFY), measured.ticks
     sent_s = sent_at_s(ticks, int(ticks["tick_ns"][0]))
     told_nm = np.ascontiguousarray(ticks["load_torque_nm"])
@@ -146,9 +158,9 @@ def test_parameters_biased_by_ringing_are_corrected():
     assert worst_error(after) < 5.0
 
 
-def test_a_bench_that_does_not_ring_stays_as_it_was_read(experiment, result):
-    quiet, stretches, _ = found_in(experiment, result, coupling())
-    assert quiet.measured is experiment
+def test_a_bench_that_does_not_ring_stays_as_it_was_read(brief, result_of_brief):
+    quiet, stretches, _ = found_in(brief, result_of_brief, coupling())
+    assert quiet.measured is brief
     assert quiet.ringing_nm is None
     assert quiet.coupling is not None
     assert stretches[0].torque_nm is not None
@@ -233,5 +245,6 @@ def test_live_values_are_not_biased_by_ringing_either():
     plan.add("calibrate", "shake", Use.CALIBRATE, own, synthetic.PUSHED, load_nm)
     plan.add("calibrate", "rest", Use.PREPARE, np.zeros(300), synthetic.PUSHED)
     measured = synthetic.run(synthetic.imposed_parts(plan, truth, random, 10.0), truth, bench, 3)
-    for estimate in feed(LiveIdentifier("N*m", TICK_S), measured)[-1].estimates:
+    # Two fits with simulated records, and a last one that what these told of the ringing corrects.
+    for estimate in feed(LiveIdentifier("N*m", TICK_S), measured, 12.0)[-1].estimates:
         assert abs(estimate.value - getattr(truth, estimate.name)) < 4.0 * estimate.std, estimate

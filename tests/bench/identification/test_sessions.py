@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.identification.bootstrap import DRAWS
 from norton_bench.identification.fit import fit
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
@@ -15,12 +16,15 @@ from norton_bench.models.terms import NetworkTerm
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
+# Half of the usual number: each session's intervals are as wide as so few make them.
+FEWER_DRAWS = DRAWS // 2
+
 
 def session(seed: int, truth: Truth | None = None) -> FitResult:
     rng = np.random.default_rng([seed, 11])
     plan = synthetic.imposed_parts(synthetic.Plan(), truth or Truth(), rng, multisine_s=8.0)
     measured = synthetic.run(plan, truth or Truth(), synthetic.Bench(), seed)
-    return fit(measured, command_unit="N*m", tick_s=TICK_S)
+    return fit(measured, command_unit="N*m", tick_s=TICK_S, draws=FEWER_DRAWS)
 
 
 @pytest.fixture(scope="module")

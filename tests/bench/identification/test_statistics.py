@@ -1,5 +1,7 @@
 """One value out of several: against published results, and against simulated sessions whose truth is known."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,7 @@ def sessions(rng: np.random.Generator, count: int, between_std: float) -> tuple[
     return 10.0 + rng.normal(0.0, between_std, count) + stds * rng.normal(size=count), stds
 
 
+@cache
 def draws(count: int, between_std: float, number: int, seed: int) -> list[Combined]:
     rng = np.random.default_rng([seed, count])
     return [combine(*sessions(rng, count, between_std)) for _ in range(number)]
@@ -85,7 +88,8 @@ def test_intervals_cover_what_they_promise(count: int, between_std: float) -> No
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_chance_alone_alarms_as_often_as_it_says(count: int) -> None:
-    alarms = np.mean([each.p < 0.05 for each in draws(count, 0.0, 800, seed=4)])
+    # 600 draws, those of the intervals where there are any: a standard error of 0.9 %.
+    alarms = np.mean([each.p < 0.05 for each in draws(count, 0.0, 600, seed=3)])
     assert alarms == pytest.approx(0.05, abs=0.025)
 
 

@@ -12,7 +12,7 @@ from norton_bench.logs.fit import Request, fit_logs, parse_selection
 from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, LOADED, Columns, Machine, column_map, estimate, fit_of, write_csv
 
-TRUE = Machine()
+TRUE = Machine(duration_s=10.0)
 VELOCITY = FREE.replace('position = { name = "q", unit = "rad" }', 'velocity = { name = "w", unit = "rad/s" }')
 
 
@@ -161,7 +161,7 @@ def test_cogging_is_an_additive_option(tmp_path: Path) -> None:
 def test_friction_may_change_with_the_temperature(tmp_path: Path) -> None:
     log = TRUE.log()
     _, v, _ = TRUE.motion(log["t"])
-    log["temp"] = 20.0 + log["t"]
+    log["temp"] = 20.0 + 2.0 * log["t"]
     thinned = -0.004 * v * (log["temp"] - np.mean(log["temp"]))
     log["u"] = log["u"] + thinned / TRUE.gain
     text = (
@@ -209,7 +209,7 @@ def test_a_voltage_driven_motor_brakes_itself(tmp_path: Path) -> None:
 
 def test_an_uneven_clock(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
-    time_s = np.sort(np.arange(10000) / 500 + rng.uniform(-4e-4, 4e-4, 10000))
+    time_s = np.sort(np.arange(5000) / 500 + rng.uniform(-4e-4, 4e-4, 5000))
     near(fit_of(tmp_path, TRUE.log(time_s)), **ALL)
 
 
@@ -262,7 +262,7 @@ def test_the_sampling_rate_does_not_matter(tmp_path: Path, rate_hz: float) -> No
 
 def test_what_the_data_cannot_tell_apart_is_said(tmp_path: Path) -> None:
     """One small sine: the acceleration is the position turned round, so gravity and the inertia are one."""
-    t = np.arange(10000) / 500
+    t = np.arange(5000) / 500
     wave = 2 * np.pi * 0.5
     q = 0.05 * np.sin(wave * t)
     log = {"t": t, "q": q, "u": (0.05 * -(wave**2) * q + 0.3 * q + 0.02 * np.sign(np.cos(wave * t))) / 2}
@@ -272,7 +272,7 @@ def test_what_the_data_cannot_tell_apart_is_said(tmp_path: Path) -> None:
 
 
 def test_train_and_test_by_time(tmp_path: Path) -> None:
-    fit = fit_of(tmp_path, TRUE.log(), train="0:8 s, 12:15 s", test="15:20 s")
+    fit = fit_of(tmp_path, TRUE.log(), train="0:4 s, 6:7.5 s", test="7.5:10 s")
     near(fit, **ALL)
     assert fit.test.exertion is not None
     assert fit.test.exertion.relative == pytest.approx(TRUE.noise * TRUE.gain / 1.0, abs=0.05)
@@ -318,11 +318,11 @@ def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -
 
 def test_every_file_may_have_windows_of_its_own(tmp_path: Path) -> None:
     paths = [write_csv(tmp_path / f"{name}.csv", TRUE.log()) for name in ("a1", "a2", "b")]
-    request = Request(tuple(paths), column_map(FREE), train="a* 0:8 s, b.csv 5:7 s, b.csv 9:10 s", test="b.csv 12: s")
-    times = {path.name: np.arange(0.05, 20.0, 0.1) for path in paths}
+    request = Request(tuple(paths), column_map(FREE), train="a* 0:4 s, b.csv 2:4 s, b.csv 5:6 s", test="b.csv 7: s")
+    times = {path.name: np.arange(0.05, 10.0, 0.1) for path in paths}
     assert request.train is not None
     chosen = parse_selection(request.train, "--train")
-    assert [int(chosen.of(path, times[path.name]).sum()) for path in paths] == [80, 80, 30]
+    assert [int(chosen.of(path, times[path.name]).sum()) for path in paths] == [40, 40, 30]
     fit = fit_logs(request)
     near(fit, **ALL)
     assert fit.test.exertion is not None
@@ -403,7 +403,7 @@ def test_of_several_columns_the_wrong_one_is_named(tmp_path: Path, name: str, fa
 
 def test_a_law_that_the_record_leaves_open_is_named_with_its_size(tmp_path: Path) -> None:
     """A Stribeck effect of a thirtieth of the friction: surely there if the law is right, and no better held out."""
-    log = replace(TRUE, noise=0.1).log()
+    log = replace(TRUE, noise=0.1, duration_s=20.0).log()
     velocity = TRUE.motion(log["t"])[1]
     falls = 0.03 * np.exp(-np.abs(velocity / 0.6)) * np.sign(velocity) / TRUE.gain
     text = FREE.replace('candidates = ["coulomb-viscous"]', 'candidates = ["coulomb-viscous", "stribeck"]')
@@ -413,6 +413,6 @@ def test_a_law_that_the_record_leaves_open_is_named_with_its_size(tmp_path: Path
 
 
 def test_windows_that_overlap_are_said_to(tmp_path: Path) -> None:
-    fit = fit_of(tmp_path, TRUE.log(), train="0:12 s", test="8:20 s")
+    fit = fit_of(tmp_path, TRUE.log(), train="0:6 s", test="4:10 s")
     assert any("--train and --test overlap" in said for said in fit.verdict)
-    assert not any("overlap" in said for said in fit_of(tmp_path, TRUE.log(), train="0:8 s", test="8:20 s").verdict)
+    assert not any("overlap" in said for said in fit_of(tmp_path, TRUE.log(), train="0:4 s", test="4:10 s").verdict)

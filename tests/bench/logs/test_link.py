@@ -1,6 +1,7 @@
 """A joint that gives, with encoders at the motor and at the link: scipy's two masses give back their own values."""
 
 from functools import cache
+from math import sin, tanh
 from pathlib import Path
 
 import numpy as np
@@ -47,32 +48,32 @@ def log(seed: int, *, locked: bool = False) -> Columns:
     if locked:
         reach = 0.02 * reach
 
-    def current(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        goal = np.tensordot(reach, np.sin(np.multiply.outer(wave, t) + phase.reshape((4,) + (1,) * np.ndim(t))), 1)
+    waves = tuple(zip(reach.tolist(), wave.tolist(), phase.tolist(), strict=True))
+
+    def current(goal: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return 400.0 * (goal - q) - 12.0 * v
 
     def transmitted(q: np.ndarray, v: np.ndarray, q_link: np.ndarray, v_link: np.ndarray) -> np.ndarray:
         return TRUE["link_stiffness"] * (q - q_link) + TRUE["link_damping"] * (v - v_link)
 
-    def slope(t: float, state: np.ndarray) -> np.ndarray:
-        q, v, q_link, v_link = state
-        friction = TRUE["viscous_damping"] * v + TRUE["coulomb_torque"] * np.tanh(v / 2e-3)
+    def slope(t: float, state: np.ndarray) -> list[float]:
+        q, v, q_link, v_link = state.tolist()
+        goal = sum(size * sin(rate * t + begin) for size, rate, begin in waves)
+        friction = TRUE["viscous_damping"] * v + TRUE["coulomb_torque"] * tanh(v / 2e-3)
         torque = transmitted(q, v, q_link, v_link)
-        motor = (GAIN * current(t, q, v) - friction - torque) / TRUE["inertia"]
-        link = 0.0 if locked else (torque - PULL * np.sin(q_link)) / LINK_INERTIA
-        return np.array([v, motor, v_link, link])
+        motor = (GAIN * current(goal, q, v) - friction - torque) / TRUE["inertia"]
+        link = 0.0 if locked else (torque - PULL * sin(q_link)) / LINK_INERTIA
+        return [v, motor, v_link, link]
 
-    done = solve_ivp(
-        slope, (0.0, DURATION_S), np.zeros(4), "Radau", max_step=2e-3, rtol=1e-7, atol=1e-9, dense_output=True
-    )
     t = np.arange(0.05, DURATION_S, 1 / RATE_HZ)
-    state = done.sol(t)
+    done = solve_ivp(slope, (0.0, DURATION_S), np.zeros(4), "LSODA", t_eval=t, max_step=2e-3, rtol=1e-9, atol=1e-11)
+    state, goal = done.y, reach @ np.sin(np.outer(wave, t) + phase[:, None])
     turn = 2 * np.pi / COUNTS
     return {
         "t": t - t[0],
         "motor": np.round(RATIO * state[0] / turn) * turn,
         "link": np.round(state[2] / turn) * turn,
-        "i": current(t, state[0], state[1]) + 0.02 * rng.standard_normal(t.size),
+        "i": current(goal, state[0], state[1]) + 0.02 * rng.standard_normal(t.size),
         "tau": transmitted(*state) + 0.02 * rng.standard_normal(t.size),
     }
 

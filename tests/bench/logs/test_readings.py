@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import njit
 
 from norton_bench.logs.equation import make_problem
 from norton_bench.logs.grid import stretches
@@ -82,6 +83,23 @@ def test_the_noise_of_the_acceleration_is_that_of_the_counts(tmp_path: Path, cou
     assert np.mean(problem.equation.noise["inertia"]) == pytest.approx(np.mean(error**2), rel=0.25)
 
 
+@njit(cache=True)
+def moved(goal: np.ndarray, every: int, step_s: float, gravity: float, motor: tuple) -> np.ndarray:
+    """Position and current (2, n) at the steps, of a motor that follows ``goal`` (n,)."""
+    gain, inertia, viscous, coulomb = motor
+    slower = 1 + step_s * viscous / inertia
+    most = step_s * coulomb / inertia / slower
+    q, v, held, log = 0.0, 0.0, 0.0, np.empty((2, goal.size))
+    for k in range(goal.size):
+        if k % every == 0:
+            held = 15.0 * (goal[k] - q) - 1.0 * v
+        free = (v + step_s * (gain * held - gravity * np.sin(q)) / inertia) / slower
+        v = np.sign(free) * max(abs(free) - most, 0.0)
+        q += step_s * v
+        log[0, k], log[1, k] = q, held
+    return log
+
+
 def behind_sensor(seed: int, rate_hz: int, bits: int, late_s: tuple[float, float], gravity: float) -> Columns:
     """A motor in a loop of position drives a pendulum through a sensor; friction stops it and holds it (Moreau)."""
     rng = np.random.default_rng(seed)
@@ -89,16 +107,7 @@ def behind_sensor(seed: int, rate_hz: int, bits: int, late_s: tuple[float, float
     wave, reach, phase = np.array([0.9, 2.4, 5.9, 13.0]), np.array([0.8, 0.4, 0.2, 0.08]), rng.uniform(0, 6, 4)
     time_s = np.arange(int(seconds / step_s)) * step_s
     goal, every = reach @ np.sin(np.outer(wave, time_s) + phase[:, None]), round(1 / rate_hz / step_s)
-    q, v, held, log = 0.0, 0.0, 0.0, np.empty((2, time_s.size))
-    slower = 1 + step_s * TRUE["viscous_damping"] / TRUE["inertia"]
-    most = step_s * TRUE["coulomb_torque"] / TRUE["inertia"] / slower
-    for k, wished in enumerate(goal.tolist()):
-        if k % every == 0:
-            held = 15.0 * (wished - q) - 1.0 * v
-        free = (v + step_s * (TRUE["torque_gain"] * held - gravity * np.sin(q)) / TRUE["inertia"]) / slower
-        v = float(np.sign(free) * max(abs(free) - most, 0.0))
-        q += step_s * v
-        log[:, k] = q, held
+    log = moved(goal, every, step_s, gravity, tuple(TRUE.values()))
     count = int((seconds - 0.1) * rate_hz)
     at = 0.05 + (np.arange(count) + 0.5) / rate_hz
     position, before = (np.interp(at - late, time_s, log[0]) for late in (0.0, late_s[1]))

@@ -50,7 +50,7 @@ def figure(name: str, of: NortonNetwork | None = None) -> Figure:
     return next(each for each in derived(of or network(), (POINT,)) if each.row.name == name)
 
 
-def friction(velocity: float, phi: float) -> tuple[float, float]:
+def friction(velocity: float | np.ndarray, phi: float | np.ndarray) -> tuple:
     """Dahl's torque and the rate of its state (paper, section IV.D), written here once more."""
     rate = velocity - SIGMA_0 / TAU_C * abs(velocity) * phi
     return SIGMA_0 * phi + SIGMA_1 * rate, rate
@@ -107,9 +107,15 @@ def no_load(command: float = COMMAND) -> float:
 @cache
 def strongest() -> tuple[float, float]:
     """Power and efficiency at the velocity of greatest power, looked for among many."""
-    at = [(steady(COMMAND, velocity), velocity) for velocity in np.linspace(2.0, VELOCITY, 39)]
-    (torque, motor), velocity = max(at, key=lambda found: found[0][0] * found[1])
-    return torque * velocity, torque / motor
+    velocity = np.linspace(2.0, VELOCITY, 39)
+
+    def rates(_: float, state: np.ndarray) -> np.ndarray:
+        return np.array([BETA * (KM_KA * COMMAND - state[0]), *friction(velocity, state[1:])[1]])
+
+    motor, *phi = integrated(rates, [0.0] * 40, 1.0).y[:, -1]
+    torque = motor - friction(velocity, np.array(phi))[0] - B * velocity
+    best = np.argmax(torque * velocity)
+    return float(torque[best] * velocity[best]), float(torque[best] / motor)
 
 
 @cache
@@ -186,17 +192,18 @@ def contact() -> tuple[float, float]:
     return float(damped_hz / sqrt(1.0 - ratio**2)), ratio
 
 
-def torque_swing(frequency_hz: float) -> float:
-    """Amplitude of the motor's torque over what it is at rest, under a command that swings."""
-    swing = 2 * pi * frequency_hz
-    times = np.linspace(0.1, 0.1 + 4 / frequency_hz, 2000)
-    found = integrated(lambda t, y: [BETA * (sin(swing * t) - y[0])], [0.0], float(times[-1]), t_eval=times)
-    return float(np.ptp(found.y[0]) / 2)
+def torque_swings(frequencies_hz: np.ndarray) -> np.ndarray:
+    """Amplitude of the motor's torque over what it is at rest, under commands that swing."""
+    swing = 2 * pi * frequencies_hz
+    times = np.linspace(0.1, 0.1 + 4 / frequencies_hz[0], 2000)
+    start = [0.0] * len(swing)
+    found = integrated(lambda t, y: BETA * (np.sin(swing * t) - y), start, float(times[-1]), t_eval=times)
+    return np.ptp(found.y, axis=1) / 2
 
 
 def bandwidth() -> float:
     frequencies = np.linspace(60.0, 140.0, 17)
-    return float(np.interp(-sqrt(0.5), [-torque_swing(each) for each in frequencies], frequencies))
+    return float(np.interp(-sqrt(0.5), -torque_swings(frequencies), frequencies))
 
 
 def rise() -> float:

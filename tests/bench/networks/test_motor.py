@@ -13,7 +13,7 @@ from norton_bench.networks.kinds import Form, Kind, Motion
 from norton_bench.networks.left_out import term_sentences
 from norton_bench.networks.motor import as_equations
 from norton_bench.networks.plots import plot
-from tests.bench.networks.some import ALL_TERMS, JOINTS, MOTOR, MOTORS
+from tests.bench.networks.some import ALL_TERMS, JOINTS, MOTOR, MOTORS, coarser
 
 TICK_S = 1e-4
 TIME_S = np.arange(600) * TICK_S
@@ -61,7 +61,7 @@ def test_equations_and_compiled_steps_give_the_same_torque(name):
     port = dict(zip(("x", "v", "a"), motion.derivatives(), strict=True))
     for kind in Kind:
         equations = as_equations(ALL[name], kind, Form.IMPEDANCE)
-        found = nonlinear.respond(equations, command[:, None], port, TICK_S)["f"]
+        found = nonlinear.respond(coarser(equations), command[:, None], port, TICK_S)["f"]
         error = off(found[2:-2], expected[2:-2])
         assert error < (1e-2 if name in ("load", "all") else 1e-3)
         assert effect > 10 * error or name == "none"
@@ -75,7 +75,7 @@ def test_equations_and_compiled_steps_move_alike_under_a_load(name):
     assert off(position, MOTOR.free_motion(command, TICK_S, **given)[0]) > 3e-3 or name == "none"
     for kind in Kind:
         equations = as_equations(ALL[name], kind, Form.ADMITTANCE)
-        found = nonlinear.respond(equations, command[:, None], {"f": np.full(TIME_S.size, PORT_NM)}, TICK_S)
+        found = nonlinear.respond(coarser(equations), command[:, None], {"f": np.full(TIME_S.size, PORT_NM)}, TICK_S)
         assert off(found["x"], position) < 3e-4
         assert off(found["v"], velocity) < 3e-4
 

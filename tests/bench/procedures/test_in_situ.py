@@ -31,6 +31,7 @@ from norton_bench.session.run import learned
 from norton_sim.plant import Plant
 from norton_sim.truth import read_truth
 from tests.bench.bench_in_simulation import opened
+from tests.bench.half_rate import half_rate, half_rate_text
 from tests.bench.watched import Watched
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -153,7 +154,7 @@ def assembled_load(found: Found) -> NortonNetwork:
 
 
 def stiff(name: str) -> Rig:
-    text = (RIGS / f"{name}.toml").read_text(encoding="utf-8")
+    text = half_rate_text(name)
     for stiffness in (50, 200):
         text = text.replace(f'stiffness = "{stiffness} N*m/rad"', 'stiffness = "2000 N*m/rad"')
     return parse_rig(text, place=name)
@@ -175,7 +176,7 @@ def test_an_arm_on_the_load_is_found_and_named() -> None:
 
 
 def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
-    found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=3.0, shake_s=8.0), calibrated)
+    found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=2.0, shake_s=4.0), calibrated)
     assert "cannot be checked" in found.result.assembly[0]
     assert found.below_db(3) > 28.0
     # The torque sensor's newton metres, of which the load's drive gives 0.95 for each of its own.
@@ -185,8 +186,8 @@ def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> 
 
 
 def test_the_viscous_damping_that_was_calibrated_counts_as_the_loads_drive_does() -> None:
-    options = InSituOptions(trials=4, duration_s=3.0, shake_s=8.0)
-    found = carried_out(load_rig(RIGS / "sim-odrive.toml"), options, calibrated)
+    options = InSituOptions(trials=4, duration_s=2.0, shake_s=4.0)
+    found = carried_out(half_rate("sim-odrive"), options, calibrated)
     assert "by the twist between the encoders" in found.result.assembly[0]
     assert assembled_load(found).viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)
 

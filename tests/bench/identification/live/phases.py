@@ -49,8 +49,8 @@ def exciting_then(kind, excited_s=16.0, dull_s=40.0, seed=1):
 def exciting_for(duration_s, seed=1, departs=NOTHING_DEPARTS):
     rng = np.random.default_rng([seed, 22])
     plan = Plan().add("tare", "rest", Use.TARE, np.zeros(300), IMPOSED)
-    for _ in range(round(duration_s / 20.0)):
-        exciting(plan, rng, 20.0)
+    for _ in range(max(round(duration_s / 20.0), 1)):
+        exciting(plan, rng, min(duration_s, 20.0))
     return synthetic.run(plan, Truth(), synthetic.Bench(departs=departs), seed)
 
 
