@@ -2,7 +2,6 @@
 
 import os
 import pty
-import re
 import select
 import signal
 import subprocess
@@ -14,19 +13,23 @@ from pathlib import Path
 
 import pytest
 
+from norton_bench.cli.app import main
 from norton_bench.errors import ExitCode
 from norton_bench.recording.reader import read_recording
+from tests.bench.half_rate import half_rate_text
 
 ROOT = Path(__file__).parents[3]
-RIG = ROOT / "rigs" / "sim-odrive.toml"
 WAIT_S = 90.0
+RUN = [sys.executable, "-m", "norton_bench", "run", "s.toml", "--rig", "rig.toml", "--out", "out"]
+# Without the process that identifies meanwhile.
+UNWATCHED = ("--no-live",)
 LONG = """\
 [[step]]
 do = "tare"
 duration = "500 ms"
 [[step]]
 do = "rest"
-duration = "2 s"
+duration = "500 ms"
 repeat = 60
 """
 ASKING = """\
@@ -38,6 +41,7 @@ choices = ["A", "B"]
 [[step]]
 do = "rest"
 duration = "200 ms"
+repeat = 60
 when = { answer = "fixture", is = "B" }
 """
 
@@ -49,14 +53,15 @@ class Terminal:
     folder: Path
     session: str
     said: str = ""
-    more: tuple[str, ...] = ()
+    more: tuple[str, ...] = UNWATCHED
     _process: subprocess.Popen[bytes] = field(init=False)
     _master: int = field(init=False)
 
     def __post_init__(self) -> None:
         (self.folder / "s.toml").write_text(self.session)
+        (self.folder / "rig.toml").write_text(half_rate_text("sim-odrive"))
         self._master, slave = pty.openpty()
-        command = [sys.executable, "-m", "norton_bench", "run", "s.toml", "--rig", str(RIG), "--out", "out", *self.more]
+        command = [*RUN, *self.more]
         self._process = subprocess.Popen(
             command,
             cwd=self.folder,
@@ -134,7 +139,7 @@ def terminals(tmp_path: Path) -> Iterator[list[Terminal]]:
 
 
 def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, terminals: list[Terminal]) -> None:
-    terminal = Terminal(tmp_path, LONG)
+    terminal = Terminal(tmp_path, LONG, more=())  # Ctrl-C reaches the process that identifies, too
     terminals.append(terminal)
     terminal.until("/61 tare")
     terminal.type("\x03")
@@ -164,7 +169,7 @@ def test_a_paused_session_can_be_aborted(tmp_path: Path, terminals: list[Termina
     assert "stopped by the operator: aborted while paused" in terminal.said
 
 
-def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Terminal]) -> None:
+def test_a_prompt_is_answered_with_a_line_and_sigterm_stops_at_once(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, ASKING)
     terminals.append(terminal)
     terminal.until("Which fixture is mounted? [A/B]")
@@ -172,35 +177,23 @@ def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Termin
     terminal.until('"C" must be one of A, B')
     terminal.until("Which fixture is mounted? [A/B]")
     terminal.type("B\n")
-    assert terminal.end() == ExitCode.OK
-    assert terminal.events() == ["fixture: B"]
-    assert re.search(r"recording +out/sim-odrive.mcap", terminal.said)
-
-
-def test_sigterm_stops_at_once(tmp_path: Path, terminals: list[Terminal]) -> None:
-    terminal = Terminal(tmp_path, LONG)
-    terminals.append(terminal)
     terminal.until("/61 rest")
     terminal.signal(signal.SIGTERM)
     assert terminal.end() == ExitCode.INTERRUPTED
-    assert terminal.events() == ["stopped by the operator: asked to end"]
+    assert terminal.events() == ["fixture: B", "stopped by the operator: asked to end"]
+    assert "the measurements are in out/sim-odrive.mcap" in terminal.said
 
 
-def test_without_a_terminal_ctrl_c_stops_and_prompts_are_refused(tmp_path: Path) -> None:
+def test_without_a_terminal_prompts_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "s.toml").write_text(ASKING)
-    command = [sys.executable, "-m", "norton_bench", "run", "s.toml", "--rig", str(RIG), "--out", "out"]
-    done = subprocess.run(
-        command,
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=WAIT_S,
-        check=False,
-    )
-    assert done.returncode == ExitCode.USAGE
-    assert done.stderr.splitlines()[-1] == (
+    (tmp_path / "rig.toml").write_text(half_rate_text("sim-odrive"))
+    with Path(os.devnull).open() as nobody:
+        monkeypatch.setattr(sys, "stdin", nobody)
+        assert main(["run", "s.toml", "--rig", "rig.toml", "--out", "out"]) == ExitCode.USAGE
+    assert capsys.readouterr().err.splitlines()[-1] == (
         's.toml: asks "Which fixture is mounted?", and nobody is there to answer; run it on a terminal, or answer with '
         "--answer fixture=... or --yes"
     )

@@ -88,9 +88,9 @@ def test_what_cannot_be_is_refused_before_anything_is_opened(
 
 @pytest.mark.wall_time
 def test_served_devices_are_moved_and_left_idle(tmp_path: Path) -> None:
-    rig = rig_of_its_own(tmp_path, group="239.74.163.88")
+    rig = rig_of_its_own(tmp_path, group="239.74.163.88", **{'rate = "1 kHz"': 'rate = "500 Hz"'})
     command = [sys.executable, "-m", "norton_bench", "jog", rig.place, "--backend", "hardware", "--json"]
-    command += ["--actuator", "0.05", "--duration", "1 s", "--out", str(tmp_path / "out")]
+    command += ["--actuator", "0.05", "--duration", "500 ms", "--out", str(tmp_path / "out")]
     with served(rig) as witness:
         done = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
         assert done.returncode == ExitCode.OK, done.stderr

@@ -8,12 +8,13 @@ from norton_bench.errors import RigError
 from norton_bench.faults.campaign import FaultTrial, cases, run_campaign
 from norton_bench.faults.case import CaseResult, Verdict
 from norton_bench.rig.load import load_rig
+from tests.bench.half_rate import half_rate
 
 RIGS = Path(__file__).parents[3] / "rigs"
 
 
 def test_outcomes_come_in_the_order_of_the_cases() -> None:
-    rig = load_rig(RIGS / "sim-odrive.toml")
+    rig = half_rate("sim-odrive")
     names = ("host stalls for a moment", "adapter unplugged")
     chosen = [case for case in cases(rig) if case.name in names]
     heard: list[CaseResult] = []

@@ -14,14 +14,15 @@ from tests.bench.served import rig_of_its_own
 
 KILLED, STOPPED = host_losses()
 RIGS = Path(__file__).parents[3] / "rigs"
-ALLOWED = Allowed(402_000_000)
+ALLOWED = Allowed(404_000_000)  # the watchdog's period, and two ticks
+HALF_RATE = {'rate = "1 kHz"': 'rate = "500 Hz"'}
 GROUP = "239.74.163.63"
 
 
 @pytest.mark.wall_time
 @pytest.mark.parametrize("case", [KILLED, STOPPED], ids=lambda case: case.table["kind"])
 def test_the_drives_watchdogs_stop_the_shaft(case: object, tmp_path: Path) -> None:
-    rig = rig_of_its_own(tmp_path, GROUP, backend="simulated")
+    rig = rig_of_its_own(tmp_path, GROUP, backend="simulated", **HALF_RATE)
     allowed = allowed_on(rig)
     assert allowed == ALLOWED
     outcome = lose_host(rig, case, allowed, seed=1)
@@ -29,7 +30,7 @@ def test_the_drives_watchdogs_stop_the_shaft(case: object, tmp_path: Path) -> No
     # They were fed until the very end: not much sooner than their period, and not later than two ticks after it; a busy
     # computer may take some milliseconds to send the signal.
     assert 0.3 < outcome.off_s <= outcome.allowed_s
-    assert 0.402 <= outcome.allowed_s < 0.5
+    assert 0.404 <= outcome.allowed_s < 0.5
     assert outcome.guard == "the drives' own watchdogs"
     assert outcome.drives == {"actuator": "idle", "load": "idle"}
     assert outcome.peak.velocity_rad_s > 1.0
@@ -53,7 +54,7 @@ def test_servos_without_a_watchdog_go_on(tmp_path: Path) -> None:
 def test_a_host_that_ends_by_itself_is_no_lost_host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_loss, "SESSION", "no session")
     monkeypatch.setattr(host_loss, "TRIES", 1)
-    outcome = lose_host(rig_of_its_own(tmp_path, GROUP, backend="simulated"), KILLED, ALLOWED)
+    outcome = lose_host(rig_of_its_own(tmp_path, GROUP, backend="simulated", **HALF_RATE), KILLED, ALLOWED)
     assert outcome.verdict is Verdict.FAILED
     assert outcome.guard.startswith("the host ended before it was lost: ")
     assert "is not TOML" in outcome.guard
@@ -62,6 +63,6 @@ def test_a_host_that_ends_by_itself_is_no_lost_host(tmp_path: Path, monkeypatch:
 @pytest.mark.wall_time
 def test_what_this_machine_cannot_serve_is_skipped_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "bota").write_text("in the way")
-    outcome = lose_host(rig_of_its_own(tmp_path, GROUP, backend="simulated"), KILLED, ALLOWED)
+    outcome = lose_host(rig_of_its_own(tmp_path, GROUP, backend="simulated", **HALF_RATE), KILLED, ALLOWED)
     assert outcome.verdict is Verdict.SKIPPED
     assert "something stands there that is not a simulated port" in outcome.guard

@@ -31,12 +31,13 @@ from tests.processes import children, process_lives, soon
 pytestmark = pytest.mark.wall_time
 TABLES = ("motion", "load_motion", "torque", "current", "load_current")
 SESSION = Path(__file__).with_name("session_to_lose.py")
-TICK_NS = 1_000_000
+TICK_NS = 2_000_000
+HALF_RATE = {'rate = "1 kHz"': 'rate = "500 Hz"'}
 
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    return rig_of_its_own(tmp_path_factory.mktemp("loop"))
+    return rig_of_its_own(tmp_path_factory.mktemp("loop"), **HALF_RATE)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,7 @@ def opened(rig: Rig, stop: StopWord | None = None) -> Iterator[tuple[LoopProcess
 
 
 def push(seconds: float, command: float = 0.02) -> Segment:
-    return coasting("test", "push", Use.PREPARE, np.full(round(seconds * 1e3), command))
+    return coasting("test", "push", Use.PREPARE, np.full(round(seconds * 1e9 / TICK_NS), command))
 
 
 def stumble_after(loop: LoopProcess, segment: Segment) -> None:
@@ -76,7 +77,7 @@ def once_it_ticks(loop: LoopProcess, parts: list[Measured], act: Callable[[], No
 
     def take(part: Measured) -> None:
         parts.append(part)
-        if not acted_ns and sum(len(each.ticks) for each in parts) > 100:
+        if not acted_ns and sum(len(each.ticks) for each in parts) > 50:
             acted_ns.append(time.monotonic_ns())
             act()
 
@@ -146,52 +147,87 @@ def test_the_operators_word_stops_it_at_the_next_tick(rig: Rig, witness: Path) -
             loop.run(push(20.0))
         assert armed(witness) == ()
     last_ns = int(join(parts).ticks["tick_ns"][-1])
-    assert last_ns - said[0] < 50 * TICK_NS  # one tick, on a machine that nothing else uses
+    assert last_ns - said[0] < 25 * TICK_NS  # one tick, on a machine that nothing else uses
     assert [event.kind for event in join(parts).events] == ["stop"]
 
 
-def test_a_session_that_stumbles_idles_the_drives_and_may_go_on(rig: Rig, witness: Path) -> None:
+def test_a_session_that_is_late_or_stumbles_and_may_go_on(rig: Rig, witness: Path) -> None:
+    """One loop serves them all."""
     with opened(rig) as (loop, parts):
-        with pytest.raises(ExperimentError, match="not enough"):
-            stumble_after(loop, push(0.1))
-        assert armed(witness) == ()
-        assert [event.text for event in join(parts).events] == ["not enough"]
-
-        def stumble(part: Measured) -> None:
-            if len(part.ticks):
-                raise ZeroDivisionError
-
-        loop.subscribe(stumble)
-        with pytest.raises(ZeroDivisionError), loop.running():
-            loop.run(push(20.0))
-        assert armed(witness) == ()
+        late_finds_its_bench_held(loop, parts, witness)
+        stumbling_idles_the_drives(loop, parts, witness)
+        stumbling_over_what_the_held_bench_measured_idles_the_drives(loop, witness)
         loop.subscribe(parts.append)
-        with loop.running():
-            assert len(loop.run(push(0.1)).ticks) > 50
+        thinking_with_the_drives_enabled_idles_them(loop, parts, witness)
 
 
-def test_who_stumbles_over_what_the_held_bench_measured_idles_the_drives(rig: Rig, witness: Path) -> None:
-    def stumble(part: Measured) -> None:
-        if len(part.ticks):
-            raise ZeroDivisionError
+def late_finds_its_bench_held(loop: LoopProcess, parts: list[Measured], witness: Path) -> None:
+    """For longer than the loop itself might stand still (200 ms): it does not stand still."""
+    with loop.running():
+        loop.run(push(0.1))
+        time.sleep(0.4)
+        assert armed(witness) != ()
+        second = loop.run(push(0.1))
+    assert set(second.ticks["segment"]) == {second.segments[0].index}
+    ticks = join(parts).ticks
+    assert 0.3e9 < TICK_NS * np.count_nonzero(ticks["segment"] == NO_SEGMENT) < 1.0e9
+    assert [segment.index for segment in join(parts).segments] == [0, 1]
 
-    with opened(rig) as (loop, _):
-        answered = loop._wait_for_answer
 
-        def late(within_s: float) -> object:
-            answer = answered(within_s)
-            time.sleep(0.05)  # ticks have been run by then
-            return answer
+def stumble(part: Measured) -> None:
+    if len(part.ticks):
+        raise ZeroDivisionError
 
-        loop._wait_for_answer = late  # type: ignore[method-assign,assignment]
-        loop.subscribe(stumble)
+
+def stumbling_idles_the_drives(loop: LoopProcess, parts: list[Measured], witness: Path) -> None:
+    parts.clear()
+    with pytest.raises(ExperimentError, match="not enough"):
+        stumble_after(loop, push(0.1))
+    assert armed(witness) == ()
+    assert [event.text for event in join(parts).events] == ["not enough"]
+    loop.subscribe(stumble)
+    with pytest.raises(ZeroDivisionError), loop.running():
+        loop.run(push(20.0))
+    assert armed(witness) == ()
+    loop.subscribe(parts.append)
+    with loop.running():
+        assert len(loop.run(push(0.1)).ticks) > 25
+
+
+def stumbling_over_what_the_held_bench_measured_idles_the_drives(loop: LoopProcess, witness: Path) -> None:
+    answered = loop._wait_for_answer
+
+    def late(within_s: float) -> object:
+        answer = answered(within_s)
+        time.sleep(0.05)  # ticks have been run by then
+        return answer
+
+    loop.subscribe(stumble)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loop, "_wait_for_answer", late)
         with pytest.raises(ZeroDivisionError), loop.running():
             pass
-        assert armed(witness) == ()
+    assert armed(witness) == ()
+
+
+def thinking_with_the_drives_enabled_idles_them(loop: LoopProcess, parts: list[Measured], witness: Path) -> None:
+    def think() -> None:
+        with loop.running():
+            loop.run(push(0.1))
+            soon(lambda: armed(witness) == (), HELD_S + 2.0)
+            loop.run(push(0.1))
+
+    with pytest.raises(SafetyStopError, match=r"within 5 s what comes .* decide with the drives idle") as stop:
+        think()
+    assert stop.value.by == "stall"
+    assert "decide with the drives idle" in join(parts).events[-1].text
+    loop.reset_guard("thought about it")
+    with loop.running():
+        loop.run(push(0.05))
 
 
 def test_the_guard_trips_there_and_is_reset_from_here(tmp_path: Path) -> None:
-    rig = rig_of_its_own(tmp_path, "239.74.163.66", **{'velocity = "80 rad/s"': 'velocity = "5 rad/s"'})
+    rig = rig_of_its_own(tmp_path, "239.74.163.66", **HALF_RATE, **{'velocity = "80 rad/s"': 'velocity = "5 rad/s"'})
     with served(rig) as witness, opened(rig) as (loop, parts):
         with pytest.raises(SafetyStopError, match=r"outside \[limits\] velocity = 5 rad/s") as stopped, loop.running():
             loop.run(push(20.0, 0.3))
@@ -204,36 +240,6 @@ def test_the_guard_trips_there_and_is_reset_from_here(tmp_path: Path) -> None:
         loop.reset_guard("looked at it")
         assert "looked at it" in join(parts).events[-1].text
         soon(lambda: abs(last_state(witness).velocity_rad_s) < 1.0, 10.0)  # type: ignore[union-attr]
-        with loop.running():
-            loop.run(push(0.05))
-
-
-def test_a_session_that_is_late_finds_its_bench_held(rig: Rig, witness: Path) -> None:
-    """For longer than the loop itself might stand still (200 ms): it does not stand still."""
-    with opened(rig) as (loop, parts), loop.running():
-        loop.run(push(0.1))
-        time.sleep(0.4)
-        assert armed(witness) != ()
-        second = loop.run(push(0.1))
-    assert set(second.ticks["segment"]) == {second.segments[0].index}
-    ticks = join(parts).ticks
-    assert 0.3 / 1e-3 < np.count_nonzero(ticks["segment"] == NO_SEGMENT) < 1.0 / 1e-3
-    assert [segment.index for segment in join(parts).segments] == [0, 1]
-
-
-def test_a_session_that_thinks_with_the_drives_enabled_finds_them_idle(rig: Rig, witness: Path) -> None:
-    def think(loop: LoopProcess) -> None:
-        with loop.running():
-            loop.run(push(0.1))
-            soon(lambda: armed(witness) == (), HELD_S + 2.0)
-            loop.run(push(0.1))
-
-    with opened(rig) as (loop, parts):
-        with pytest.raises(SafetyStopError, match=r"within 5 s what comes .* decide with the drives idle") as stop:
-            think(loop)
-        assert stop.value.by == "stall"
-        assert "decide with the drives idle" in join(parts).events[-1].text
-        loop.reset_guard("thought about it")
         with loop.running():
             loop.run(push(0.05))
 
@@ -265,7 +271,7 @@ def test_a_loop_that_is_lost_is_said_and_its_drives_end_idle(
             loop.identify()
     measured = join(parts)
     # All that it ever put away is there, and the session's word on its end.
-    assert measured.ticks["tick_ns"][-1] > struck_ns[0] - 20 * TICK_NS
+    assert measured.ticks["tick_ns"][-1] > struck_ns[0] - 10 * TICK_NS
     assert words in measured.events[-1].text
     assert str(lost.value) == measured.events[-1].text
 

@@ -79,18 +79,13 @@ async def test_start_waits_for_its_key(live: Experiment, session) -> None:
         assert "start" not in shown(app)
 
 
-@pytest.mark.parametrize(("key", "order"), [("p", "pause"), ("t", "tare"), ("n", "skip")])
-async def test_orders(live: Experiment, session, key: str, order: str) -> None:
+async def test_orders_and_that_pause_and_resume_share_a_key(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
-        await pilot.press(key)
-        assert session.orders == [Order(order)]  # type: ignore[arg-type]
-
-
-async def test_pause_and_resume_share_a_key(live: Experiment, session) -> None:
-    async with running(live) as (app, pilot):
-        await started(live, app, pilot)
-        await pilot.press("p")
+        for key, order in (("t", "tare"), ("n", "skip"), ("p", "pause")):
+            session.orders.clear()
+            await pilot.press(key)
+            assert session.orders == [Order(order)]  # type: ignore[arg-type]
         session.next_events.append(StateChanged(SessionState.PAUSED))
         await frame(app, pilot)
         assert "resume" in shown(app)
@@ -186,8 +181,7 @@ async def test_results_follow_the_end(live: Experiment, session, monkeypatch: py
         assert len(opened) == 1
 
 
-@pytest.mark.parametrize("key", ["1", "2", "3", "4"])
-async def test_views(replayed: Experiment, key: str) -> None:
+async def test_views(replayed: Experiment) -> None:
     visible = {
         "1": {"torque", "velocity", "command", "parameters", "steps"},
         "2": {"torque-velocity", "torque-position"},
@@ -195,10 +189,11 @@ async def test_views(replayed: Experiment, key: str) -> None:
         "4": {"health", "log"},
     }
     async with running(replayed) as (app, pilot):
-        await pilot.press("4" if key == "1" else "1", key)
-        await pilot.pause()
-        ids = {widget.id for widget in app.screen.query("Plot, Panel") if widget.region.area and widget.is_on_screen}
-        assert ids - {"title", "views"} == visible[key]
+        for key in "4123":
+            await pilot.press(key)
+            await pilot.pause()
+            seen_now = [each for each in app.screen.query("Plot, Panel") if each.region.area and each.is_on_screen]
+            assert {widget.id for widget in seen_now} - {"title", "views"} == visible[key]
 
 
 async def test_after_the_end_a_resize_draws_everything_again(replayed: Experiment) -> None:
@@ -296,21 +291,21 @@ WAYS_TO_BE_BUSY: dict[str, Callable[[Pilot[None]], object]] = {
 }
 
 
-@pytest.mark.parametrize("way", WAYS_TO_BE_BUSY)
-async def test_space_stops_wherever_one_is(live: Experiment, session, way: str) -> None:
+async def test_space_stops_wherever_one_is(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
-        await WAYS_TO_BE_BUSY[way](pilot)  # type: ignore[misc]
-        await pilot.pause()
-        assert (way in ("experiment", "loops", "source", "bench")) == isinstance(app.screen, ExperimentScreen)
-        await pilot.press("space")
-        assert session.stops == ["the operator, by key"]
-        assert all(" " not in field.value for field in app.screen.query(Input))
-
-
-async def test_space_stops_while_asked_and_at_the_results(live: Experiment, session) -> None:
-    async with running(live) as (app, pilot):
-        await started(live, app, pilot)
+        for way, go in WAYS_TO_BE_BUSY.items():
+            session.stops.clear()
+            await go(pilot)  # type: ignore[misc]
+            await pilot.pause()
+            assert (way in ("experiment", "loops", "source", "bench")) == isinstance(app.screen, ExperimentScreen), way
+            await pilot.press("space")
+            assert session.stops == ["the operator, by key"], way
+            assert all(" " not in field.value for field in app.screen.query(Input)), way
+            while not isinstance(app.screen, ExperimentScreen):
+                await app.pop_screen()
+        # While asked, and at the results.
+        session.stops.clear()
         session.next_events += [StateChanged(SessionState.ASKING), Question(Prompt("who", "Who is there?"))]
         await frame(app, pilot)
         await pilot.press("x", "space")

@@ -23,6 +23,7 @@ WRITE = os.environ.get("NORTON_BENCH_SNAPSHOTS") == "write"
 SIZES = [(45, 30), (80, 24), (160, 45), (200, 60)]
 SIZE_IDS = [f"{columns}x{rows}" for columns, rows in SIZES]
 SETTLED_S, LOOKS = 5.0, 50
+BASE = 2  # screens, of which the experiment's is the upper one
 Show = Callable[[BenchApp, Pilot[None], Experiment], Coroutine[None, None, None]]
 
 
@@ -77,16 +78,31 @@ async def choosing(app: BenchApp, pilot: Pilot[None], experiment: Experiment) ->
     await pilot.pause()
 
 
+def results_of(performed: Performed) -> Show:
+    async def show(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+        assert experiment.replay is not None
+        done = Experiment(experiment.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))
+        experiment.replay.replay.seek(1e9)
+        for event in experiment.replay.events():
+            done.picture.take(event)
+        done.picture.take(in_fixed_places(performed.summary))
+        await app.push_screen(ResultsScreen(done))
+        await pilot.pause()
+
+    return show
+
+
+# In this order: the view stays as it is until another is chosen.
 SCREENS: dict[str, Show] = {
-    "ready": ready,
     "overview": at("imposed", "loop 15 mrad", "1"),
-    "loops": at("imposed", "loop 50 mrad", "2"),
-    "source": at("free", "staircase falling", "3"),
-    "bench": at("validate", "rest", "4"),
     "keys": at("imposed", "loop 15 mrad", "question_mark"),
     "palette": at("imposed", "loop 15 mrad", "ctrl+p"),
     "ask": asked,
     "mark": marking,
+    "loops": at("imposed", "loop 50 mrad", "2"),
+    "source": at("free", "staircase falling", "3"),
+    "bench": at("validate", "rest", "4"),
+    "ready": ready,
     "choice": choosing,
 }
 
@@ -104,35 +120,29 @@ async def compare(name: str, app: BenchApp, pilot: Pilot[None]) -> None:
         if not found:
             break
         await pilot.pause(SETTLED_S / LOOKS)
-    assert found == []
+    assert found == [], name
 
 
 @pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
-@pytest.mark.parametrize("name", SCREENS)
-async def test_it_looks_as_it_did(replayed: Experiment, name: str, size: tuple[int, int]) -> None:
+async def test_every_screen_looks_as_it_did(performed: Performed, replayed: Experiment, size: tuple[int, int]) -> None:
+    """One after the other in one app: what a start costs, each would cost."""
     assert replayed.replay is not None
     replayed.replay.replay.pause()
     app = BenchApp(Opening(lambda _: Path(), folder=ROOT), replayed)
     async with app.run_test(size=size) as pilot:
         await pilot.pause()
-        await SCREENS[name](app, pilot, replayed)
-        await compare(name, app, pilot)
+        for name, show in {**SCREENS, "results": results_of(performed)}.items():
+            await show(app, pilot, replayed)
+            await compare(name, app, pilot)
+            await back_to_experiment(app, pilot, replayed)
 
 
-@pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
-async def test_results_look_as_they_did(performed: Performed, replayed: Experiment, size: tuple[int, int]) -> None:
-    summary = in_fixed_places(performed.summary)
-    done = Experiment(replayed.rig, "sessions/short.toml", lambda: pytest.fail("nobody started it"))
-    replayed.replay.replay.seek(1e9)  # type: ignore[union-attr]
-    for event in replayed.replay.events():  # type: ignore[union-attr]
-        done.picture.take(event)
-    done.picture.take(summary)
-    app = BenchApp(Opening(lambda _: Path()), done)
-    async with app.run_test(size=size) as pilot:
-        await pilot.pause()
-        await app.push_screen(ResultsScreen(done))
-        await pilot.pause()
-        await compare("results", app, pilot)
+async def back_to_experiment(app: BenchApp, pilot: Pilot[None], experiment: Experiment) -> None:
+    """Whatever was opened over it is closed."""
+    while len(app.screen_stack) > BASE:
+        await app.pop_screen()
+    app.experiment = experiment
+    await pilot.pause()
 
 
 async def test_without_colour_it_says_the_same(replayed: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,6 @@ from norton_bench.loop.stop_word import StopWord
 from norton_bench.procedures.options import CalibrateOptions, TareOptions
 from norton_bench.recording.contents import Recording
 from norton_bench.recording.reader import read_recording
-from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.session import engine
 from norton_bench.session.operator import Nobody
@@ -25,10 +24,10 @@ from norton_drivers.codecs.odrive import AxisState, Heartbeat, MessageId
 from norton_drivers.registry import load_backend
 from norton_sim.backend import SimulatedBackend
 from norton_sim.firmware.odrive import ODriveAxis
+from tests.bench.half_rate import half_rate, half_rate_text
 
 ROOT = Path(__file__).parents[3]
-RIG_FILE = ROOT / "rigs" / "sim-odrive.toml"
-RIG = load_rig(RIG_FILE)
+RIG = half_rate("sim-odrive")
 PROGRAM = Path(sys.executable).with_name("norton-bench")
 SESSION = Session(
     (Step("tare", TareOptions(duration_s=0.5)), Step("calibrate", CalibrateOptions(duration_s=2.0))), place="test"
@@ -108,13 +107,13 @@ def test_the_operator_stops_halfway(bench: Bench) -> None:
     def press() -> str | None:
         nonlocal asked
         asked += 1
-        return "space was pressed" if asked > 1500 else None
+        return "space was pressed" if asked > 750 else None
 
     said, recording = bench.stopped(RIG, OperatorStopError, press)
     assert "space was pressed" in said
     assert bench.armed() == []
     assert_ended_in_order(recording, "space was pressed")
-    assert 1490 < len(recording.measured.ticks) <= 1500
+    assert 740 < len(recording.measured.ticks) <= 750
     assert set(last_states(recording).values()) == {AxisState.IDLE}
 
 
@@ -132,7 +131,7 @@ def test_the_guard_stops_halfway(bench: Bench, limits: dict[str, float], words: 
     assert "[limits]" in said
     assert bench.armed() == []
     assert_ended_in_order(recording, words)
-    assert len(recording.measured.ticks) > 500
+    assert len(recording.measured.ticks) > 250
     assert set(last_states(recording).values()) == {AxisState.IDLE}
 
 
@@ -150,13 +149,13 @@ def test_a_device_vanishes_halfway(bench: Bench, role: str, words: str) -> None:
     def pull_the_plug() -> None:
         nonlocal asked
         asked += 1
-        if asked == 1200:
+        if asked == 600:
             bench.world.wires[role].cut()
 
     said, recording = bench.stopped(RIG, SafetyStopError, pull_the_plug)
     assert words in said
     silence_ticks = RIG.limits.stale_after_ns // RIG.tick_ns
-    assert 1200 + silence_ticks - 5 < len(recording.measured.ticks) < 1200 + silence_ticks + 5
+    assert 600 + silence_ticks - 5 < len(recording.measured.ticks) < 600 + silence_ticks + 5
     # Whoever cannot be told is stopped by its watchdog, of 300 ms.
     bench.world.advance(bench.world.now_ns + 310_000_000)
     assert bench.armed() == []
@@ -169,7 +168,7 @@ def program(*arguments: object) -> subprocess.Popen[str]:
 
 def test_a_safety_stop_ends_the_program_with_its_code_and_keeps_the_recording(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(RIG_FILE.read_text().replace('power = "20 W"', 'power = "200 mW"'))
+    rig.write_text(half_rate_text("sim-odrive").replace('power = "20 W"', 'power = "200 mW"'))
     with program("identify", rig, "--out", tmp_path / "out", "--json") as process:
         out, err = process.communicate(timeout=120)
     assert (process.returncode, out) == (ExitCode.SAFETY_STOP, "")
@@ -177,11 +176,13 @@ def test_a_safety_stop_ends_the_program_with_its_code_and_keeps_the_recording(tm
     assert kept == f"the measurements are in {tmp_path / 'out' / 'sim-odrive.mcap'}"
     assert why.startswith("port power: ")
     assert "is outside [limits] power = 0.2 W; ask for less (" in why
-    assert len(read_recording(tmp_path / "out" / "sim-odrive.mcap").measured.ticks) > 500
+    assert len(read_recording(tmp_path / "out" / "sim-odrive.mcap").measured.ticks) > 250
 
 
 def test_an_interrupt_ends_the_program_with_its_code_and_keeps_the_recording(tmp_path: Path) -> None:
-    with program("identify", RIG_FILE, "--out", tmp_path / "out", "--json") as process:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG.text)
+    with program("identify", rig, "--out", tmp_path / "out", "--json") as process:
         assert process.stderr is not None
         while not process.stderr.readline().startswith("[2/6] calibrate"):
             assert process.poll() is None
@@ -193,5 +194,5 @@ def test_an_interrupt_ends_the_program_with_its_code_and_keeps_the_recording(tmp
     assert "stopped by the operator" in why
     recording = read_recording(tmp_path / "out" / "sim-odrive.mcap")
     assert_ended_in_order(recording, "stopped by the operator")
-    assert len(recording.measured.ticks) > 2000
+    assert len(recording.measured.ticks) > 1000
     assert set(last_states(recording).values()) == {AxisState.IDLE}

@@ -23,13 +23,13 @@ do = "tare"
 duration = "0.5 s"
 [[step]]
 do = "calibrate"
-duration = "4 s"
+duration = "2 s"
 [[step]]
 do = "imposed"
 velocities = ["-15 rad/s", "15 rad/s"]
 commands = 1
 amplitude = "30 %"
-duration = "2 s"
+duration = "1 s"
 """
 
 
