@@ -99,7 +99,7 @@ def test_a_contact_that_the_encoder_does_not_resolve_is_not_told(result_of_short
 
 def test_a_motion_that_chatters_within_its_counts_needs_finer_ones():
     """Five to the way in which this friction builds up are enough, but not where the path errs unseen by a third."""
-    bench = shortened(1, bench=Bench(counts=15700.0))
+    bench = synthetic.brief(1, bench=Bench(counts=15700.0))
     count_rad, motion = 2 * np.pi / 15700.0, bench.motion.copy()
     unseen = np.convolve(np.random.default_rng(5).standard_normal(len(motion)), np.hanning(25), "same")
     motion["position_rad"] += 0.3 * count_rad / np.std(unseen) * unseen
