@@ -34,6 +34,12 @@ def _greater(a: Any, b: Any) -> Any:
     return np.maximum(a, b) if isinstance(a, np.ndarray) or isinstance(b, np.ndarray) else max(a, b)
 
 
+def _chosen(test: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
+    if isinstance(test, (bool, np.bool_)):
+        return yes() if test else no()
+    return np.where(test, yes(), no())
+
+
 FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, np.sin),
     "cos": (1, np.cos),
@@ -55,19 +61,16 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., Any]]] = {
 }
 _IN_C = {"abs": "fabs", "min": "fmin", "max": "fmax", "sign": "network_sign"}
 CONSTANTS = {"pi": np.pi}
-_BINARY: dict[type[ast.operator], tuple[str, Callable[[Any, Any], Any]]] = {
-    ast.Add: ("+", lambda a, b: a + b),
-    ast.Sub: ("-", lambda a, b: a - b),
-    ast.Mult: ("*", lambda a, b: a * b),
+# Each operator in C, and the function that stands for it where Python's own will not do.
+_BINARY: dict[type[ast.operator], tuple[str, Callable[[Any, Any], Any] | None]] = {
+    ast.Add: ("+", None),
+    ast.Sub: ("-", None),
+    ast.Mult: ("*", None),
     ast.Div: ("/", _divided),
     ast.Pow: ("pow", np.float_power),
 }
-_COMPARISONS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], Any]]] = {
-    ast.Lt: ("<", lambda a, b: a < b),
-    ast.LtE: ("<=", lambda a, b: a <= b),
-    ast.Gt: (">", lambda a, b: a > b),
-    ast.GtE: (">=", lambda a, b: a >= b),
-}
+_COMPARISONS: dict[type[ast.cmpop], str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
+_VALUES, _NO_ARGUMENTS = "values", ast.arguments([], [], None, [], [], None, [])
 LONGEST = 4000
 
 
@@ -88,8 +91,9 @@ def read_expression(text: str, names: Collection[str], tables: Mapping[str, Call
     if len(text) > LONGEST:
         raise ValueError(f'"{text[:20]}…" is longer than {LONGEST} characters; split it')
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
-        work, c = _Reader(text, frozenset(names), tables).read(tree)
+        reader = _Reader(text, frozenset(names), tables)
+        rebuilt, c = reader.read(ast.parse(text.strip(), mode="eval").body)
+        work = reader.compiled(rebuilt)
     except (SyntaxError, RecursionError, MemoryError):
         raise ValueError(f'"{text}" is not an expression; write it like "K*(x_N - x) - B*v"') from None
     return Expression(text, work, c)
@@ -97,48 +101,55 @@ def read_expression(text: str, names: Collection[str], tables: Mapping[str, Call
 
 @dataclass(frozen=True)
 class _Reader:
+    """Rebuilds what was parsed from the few nodes that are allowed, as one function of Python and as C."""
+
     text: str
     names: frozenset[str]
     tables: Mapping[str, Callable[..., Any]]
+    functions: dict[str, Callable[..., Any]] = field(default_factory=dict)  # that the rebuilt expression calls
 
-    def read(self, node: ast.AST) -> tuple[Worked, str]:
+    def compiled(self, rebuilt: ast.expr) -> Worked:
+        arguments = ast.arguments([], [ast.arg(_VALUES)], None, [], [], None, [])
+        whole = ast.fix_missing_locations(ast.Expression(ast.Lambda(arguments, rebuilt)))
+        worked: Worked = eval(compile(whole, self.text, "eval"), {"__builtins__": {}, **self.functions})
+        return worked
+
+    def read(self, node: ast.AST) -> tuple[ast.expr, str]:
         match node:
             case ast.Constant(value=bool()):
                 pass
             case ast.Constant(value=int() | float() as value):
-                number = _finite(value)
-                return (lambda _: number), repr(number)
+                return ast.Constant(_finite(value)), repr(_finite(value))
             case ast.Name(id=name):
                 return self._name(name)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                work, c = self.read(operand)
-                return (lambda values: -work(values)), f"(-{c})"
+                inner, c = self.read(operand)
+                return ast.UnaryOp(ast.USub(), inner), f"(-{c})"
             case ast.BinOp(op=operator) if type(operator) in _BINARY:
-                return self._pair(node.left, node.right, *_BINARY[type(operator)])
+                return self._pair(node.left, operator, node.right)
             case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
                 return self._call(name, args)
             case ast.IfExp(test=ast.Compare(left=left, ops=[op], comparators=[right])) if type(op) in _COMPARISONS:
-                return self._choice(self._pair(left, right, *_COMPARISONS[type(op)]), node.body, node.orelse)
+                return self._choice(node, left, op, right)
         part = ast.get_source_segment(self.text.strip(), node) if hasattr(node, "lineno") else None
         raise ValueError(f'"{part or self.text}" in "{self.text}" cannot be worked out; use + - * / ** and functions')
 
-    def _name(self, name: str) -> tuple[Worked, str]:
+    def _name(self, name: str) -> tuple[ast.expr, str]:
         if name in self.names:
-            return (lambda values: values[name]), f"v_{name}"
+            return ast.Subscript(ast.Name(_VALUES, ast.Load()), ast.Constant(name), ast.Load()), f"v_{name}"
         if name in CONSTANTS:
-            constant = CONSTANTS[name]
-            return (lambda _: constant), repr(float(constant))
+            return ast.Constant(CONSTANTS[name]), repr(float(CONSTANTS[name]))
         known = ", ".join(sorted(self.names))
         raise ValueError(f'"{name}" in "{self.text}" is not known; known are {known}')
 
-    def _pair(self, left: ast.AST, right: ast.AST, sign: str, work: Callable[[Any, Any], Any]) -> tuple[Worked, str]:
+    def _pair(self, left: ast.AST, operator: ast.operator, right: ast.AST) -> tuple[ast.expr, str]:
         (one, one_c), (other, other_c) = self.read(left), self.read(right)
+        sign, function = _BINARY[type(operator)]
         c = f"pow({one_c}, {other_c})" if sign == "pow" else f"({one_c} {sign} {other_c})"
-        return (lambda values: work(one(values), other(values))), c
+        return ast.BinOp(one, operator, other) if function is None else self._calling(function, one, other), c
 
-    def _call(self, name: str, arguments: list[ast.expr]) -> tuple[Worked, str]:
+    def _call(self, name: str, arguments: list[ast.expr]) -> tuple[ast.expr, str]:
         inner = [self.read(argument) for argument in arguments]
-        works = [work for work, _ in inner]
         joined = ", ".join(c for _, c in inner)
         if name in self.tables:
             function, in_c = self.tables[name], f"network_{name}"
@@ -147,22 +158,19 @@ class _Reader:
         else:
             known = ", ".join([*FUNCTIONS, *self.tables])
             raise ValueError(f'"{name}" of {len(arguments)} in "{self.text}" is not a function known; known: {known}')
-        if len(works) == 1:
-            only = works[0]
-            return (lambda values: function(only(values))), f"{in_c}({joined})"
-        return (lambda values: function(*(work(values) for work in works))), f"{in_c}({joined})"
+        return self._calling(function, *(each for each, _ in inner)), f"{in_c}({joined})"
 
-    def _choice(self, test: tuple[Worked, str], yes: ast.expr, no: ast.expr) -> tuple[Worked, str]:
-        (one, one_c), (other, other_c) = self.read(yes), self.read(no)
-        decide = test[0]
+    def _choice(self, node: ast.IfExp, left: ast.expr, op: ast.cmpop, right: ast.expr) -> tuple[ast.expr, str]:
+        (low, low_c), (high, high_c) = self.read(left), self.read(right)
+        (one, one_c), (other, other_c) = self.read(node.body), self.read(node.orelse)
+        either = (ast.Lambda(_NO_ARGUMENTS, one), ast.Lambda(_NO_ARGUMENTS, other))
+        decided = self._calling(_chosen, ast.Compare(low, [op], [high]), *either)
+        return decided, f"(({low_c} {_COMPARISONS[type(op)]} {high_c}) ? {one_c} : {other_c})"
 
-        def work(values: Values) -> Any:
-            chosen = decide(values)
-            if isinstance(chosen, (bool, np.bool_)):
-                return one(values) if chosen else other(values)
-            return np.where(chosen, one(values), other(values))
-
-        return work, f"({test[1]} ? {one_c} : {other_c})"
+    def _calling(self, function: Callable[..., Any], *arguments: ast.expr) -> ast.expr:
+        name = f"function_{len(self.functions)}"
+        self.functions[name] = function
+        return ast.Call(ast.Name(name, ast.Load()), list(arguments), [])
 
 
 def _finite(value: float) -> float:
