@@ -116,13 +116,12 @@ def envelope(time_s: FloatArray, values: FloatArray, points: int = POINTS) -> tu
     if len(values) <= points:
         return time_s, values
     edges = np.linspace(0, len(values), stretches + 1).astype(int)
-    chosen: list[int] = []
-    for first, last in pairwise(edges):
-        piece = values[first:last]
-        if np.isnan(piece).all():
-            chosen.append(int(first))
-        else:
-            chosen += sorted({int(first + np.nanargmin(piece)), int(first + np.nanargmax(piece))})
+    rows = edges[:-1, None] + np.arange(np.max(np.diff(edges)))
+    pieces = np.where(rows < edges[1:, None], values[np.minimum(rows, len(values) - 1)], np.nan)
+    missing = np.isnan(pieces)
+    least, greatest = (edges[:-1] + np.argmin(np.where(missing, np.inf, sign * pieces), axis=1) for sign in (1.0, -1.0))
+    ends = np.sort(np.stack([least, greatest], axis=1))
+    chosen = ends[np.stack([np.full(stretches, True), ends[:, 0] != ends[:, 1]], axis=1)]
     return time_s[chosen], values[chosen]
 
 
