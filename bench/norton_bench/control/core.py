@@ -8,6 +8,7 @@ Calling costs more than computing, so that a tick makes few calls: :func:`sense`
   load [N m] and the actuator's free acceleration [rad/s²];
 - ``contacts`` (2, 2), the load's and the actuator's: force of its friction contact [N m], and the load's position
   [rad] at which it was that;
+- ``unread`` (1,), the ticks since the states were last corrected;
 - ``clocks`` (3, 5), of each reading: last arrival without its jitter, period [s], readings behind both, strays, and
   periods by which the last of them was late;
 - ``commands``, sent, and ``shares``, the part of each that was fed forward, newest first [N m];
@@ -128,7 +129,23 @@ def correct(states, inputs, readings, delays, fresh, tick, rows, gain):  # type:
 
 
 @njit(cache=True)
-def sense(states, inputs, contacts, clocks, readings, ages, delays, counts, now, tick, rows, gain, laws, position):  # type: ignore[no-untyped-def]
+def sense(  # type: ignore[no-untyped-def]
+    states,
+    inputs,
+    contacts,
+    clocks,
+    readings,
+    ages,
+    delays,
+    counts,
+    now,
+    tick,
+    rows,
+    gains,
+    unread,
+    laws,
+    position,
+):
     """Use one tick's readings, and let the contacts slide by what the shaft has turned (at row ``position``).
 
     ``ages`` and ``delays`` [s] of each reading: since it arrived, and until then. ``counts`` of each came since the
@@ -140,7 +157,10 @@ def sense(states, inputs, contacts, clocks, readings, ages, delays, counts, now,
         if fresh[output]:
             fresh[output] = steady_arrival(clocks[output], now - ages[output], counts[output])
         since[output] = delays[output] + now - clocks[output, 0]  # a late tick may see readings from after it
-    correct(states, inputs, readings, since, fresh, tick, rows, gain)
+    if fresh[0] or fresh[1] or fresh[2]:
+        gap = min(max(unread[0] - 1, 0), gains.shape[0] - 1)
+        correct(states, inputs, readings, since, fresh, tick, rows, gains[gap])
+        unread[0] = 0
     for side in range(2):
         if laws[side, 1] > 0.0:
             turned = states[0, position] - contacts[side, 1]
@@ -319,11 +339,12 @@ def track(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def advance(states, inputs, contacts, commands, command, laws, mobility, step, velocity, tick):  # type: ignore[no-untyped-def]
+def advance(states, inputs, contacts, commands, command, unread, laws, mobility, step, velocity, tick):  # type: ignore[no-untyped-def]
     """Let one tick pass with ``command`` sent; the last two of ``commands`` are those that act in it.
 
     ``mobility`` is one over the actuator's inertia where its friction counts as known, else 0.
     """
+    unread[0] += 1
     put_first(commands, command)
     inputs[0, 0], inputs[0, 1] = commands[-1], commands[-2]
     inputs[0, 2] = -friction_over(contacts[0, 0], states[0, velocity], tick, laws[0])

@@ -32,6 +32,8 @@ FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
 WIDTH = STATES + 4
 INPUTS = 4  # command in force, next command, known torque on the load, known part of the free acceleration
 GRID = 16  # instants within a tick for which output rows are kept
+# Ticks without any reading that are told apart: after twice as many no bench is held any more (`stall_after`).
+LONGEST_GAP = 40
 
 
 @dataclass(frozen=True)
@@ -50,15 +52,22 @@ class Observer:
     """Everything that the running observer needs, as arrays.
 
     ``rows`` (GRID + 1, 3, WIDTH + INPUTS) gives the outputs at instants within a tick, ``step`` (WIDTH, WIDTH + INPUTS)
-    the state at the next tick, ``gain`` ((past + 1)·WIDTH, 3) corrects the states at this and the ``past`` last ticks.
+    the state at the next tick. ``gains`` (LONGEST_GAP + 1, (past + 1)·WIDTH, 3) correct the states at this and the
+    ``past`` last ticks, after so many ticks in which no reading came: what the state has gone astray by meanwhile is in
+    position and velocity as well as in the accelerations, which a gain for every tick would correct far too much.
     """
 
     step: FloatArray
     rows: FloatArray
-    gain: FloatArray
+    gains: FloatArray
     nominal: tuple[tuple[int, int], ...]  # of each output: ticks back and instant on the grid
     past: int
     whole: int
+
+    @property
+    def gain(self) -> FloatArray:
+        """Where readings come at every tick."""
+        return np.asarray(self.gains[0])
 
 
 def place(delay_s: float, tick_s: float) -> tuple[int, int]:
@@ -99,9 +108,9 @@ def design_observer(bench: SampledBench, noise: Noise, tick_s: float, past: int)
     step = model.flow(tick_s)
     outputs = _outputs(bench)
     rows = np.stack([outputs @ model.flow(tick_s * i / GRID) for i in range(GRID + 1)])
-    gain = _gain(model, outputs, bench, noise, past)
+    gains = _gains(model, outputs, bench, noise, past)
     nominal = tuple(place(delay_s, tick_s) for delay_s in bench.delays_s())
-    return Observer(step, rows, gain, nominal, past, model.whole)
+    return Observer(step, rows, gains, nominal, past, model.whole)
 
 
 def _extended(bench: SampledBench, tick_s: float) -> Sampled:
@@ -121,7 +130,7 @@ def _outputs(bench: SampledBench) -> FloatArray:
     return rows
 
 
-def _gain(model: Sampled, outputs: FloatArray, bench: SampledBench, noise: Noise, past: int) -> FloatArray:
+def _gains(model: Sampled, outputs: FloatArray, bench: SampledBench, noise: Noise, past: int) -> FloatArray:
     size = (past + 1) * WIDTH
     transition, seen = np.zeros((size, size)), np.zeros((3, size))
     transition[:WIDTH, :WIDTH] = model.flow(model.tick_s)[:, :WIDTH]
@@ -136,9 +145,11 @@ def _gain(model: Sampled, outputs: FloatArray, bench: SampledBench, noise: Noise
     f = transition * scale / scale[:, None]
     h = seen * scale / reading[:, None]
     q = process / np.outer(scale, scale)
-    covariance = solve_riccati(f.T, h.T, q)
-    gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.eye(3))
-    return np.asarray(gain * scale[:, None] / reading)
+    covariance, gains = solve_riccati(f.T, h.T, q), np.empty((LONGEST_GAP + 1, size, 3))
+    for gain in gains:
+        gain[:] = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.eye(3)) * scale[:, None] / reading
+        covariance = f @ covariance @ f.T + q  # nothing came
+    return gains
 
 
 def _process_noise(model: Sampled, bench: SampledBench, noise: Noise) -> FloatArray:
@@ -188,6 +199,7 @@ class Estimator:
         self.friction_law = self.laws[0]
         self._delays_s = c.torque_delay_s, c.position_delay_s, c.position_delay_s
         self._clocks, self._begun_ns = np.zeros((3, 5)), 0
+        self._unread = np.zeros(1, dtype=np.int64)  # ticks since the states were last corrected
         self.contacts = np.zeros((2, 2))  # load's, actuator's: its force [N m], and the load's position at which it was
         self.contact = self.contacts[0]
         self.states, self._inputs = np.zeros((past + 1, WIDTH)), np.zeros((past + 1, INPUTS))
@@ -243,7 +255,8 @@ class Estimator:
             1e-9 * (sample.tick_ns - late_ns - self._begun_ns),
             self.tick_s,
             self.observer.rows,
-            self.observer.gain,
+            self.observer.gains,
+            self._unread,
             self.laws,
             POSITION,
         )
@@ -260,6 +273,7 @@ class Estimator:
             self.contacts,
             self.commands,
             command_nm,
+            self._unread,
             self.laws,
             self._mobility,
             self.observer.step,
@@ -287,6 +301,7 @@ class Estimator:
         self.advance(0.0)
         self.seen = False
         self._clocks[:] = 0.0
+        self._unread[:] = 0
 
     def _settle(self, sample: Sample) -> None:
         """Begin at rest where the readings are."""

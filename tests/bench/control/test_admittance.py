@@ -89,7 +89,7 @@ def test_prescribed_motion_is_followed_while_the_actuator_pushes() -> None:
     assert np.max(np.abs(position - motion.position_rad)) < 0.05
 
 
-@pytest.mark.parametrize("held_s", [5.3e-3, 12.1e-3, 12.7e-3, 20.1e-3, 20.7e-3])
+@pytest.mark.parametrize("held_s", [5.3e-3, 12.1e-3, 12.7e-3, 20.1e-3, 33.4e-3])
 def test_readings_that_a_bus_holds_back_do_not_upset_a_turning_shaft(held_s: float) -> None:
     """All of them come, only late: nothing is lost but the time in which the motion is not mended."""
     settings = PlantSettings()
@@ -107,6 +107,27 @@ def test_readings_that_a_bus_holds_back_do_not_upset_a_turning_shaft(held_s: flo
         plant.step(0.0, wish)
         errors.append(plant.state[5] - motion.velocity_rad_s[tick])
     assert np.max(np.abs(errors[490:])) < 3.0
+
+
+@pytest.mark.parametrize("held_ticks", [3, 8])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_readings_that_come_in_bursts_again_and_again_keep_the_shaft_under_control(held_ticks: int, seed: int) -> None:
+    """A gain for every tick would take the error of a whole pause for an acceleration, and the shaft would run away."""
+    settings = PlantSettings(seed=seed)
+    plant, controller = warmed_up(settings, calibrated(settings))
+    base_rad = plant.sample().load_position_rad
+    motion = multisine_motion(1.5, TICK_S, low_hz=0.3, high_hz=10.0, seed=3).scaled(30.0)
+    controller.begin(plant.sample(), PRESCRIBED_MOTION)
+    errors = []
+    for tick in range(1400):
+        if 700 <= tick < 1000 and (tick - 700) % (held_ticks + 2) == 0:
+            plant.hold_readings((held_ticks + 0.3) * TICK_S)
+        near, far = (target_at(motion, base_rad, at) for at in (tick, tick + controller.lead_ticks))
+        wish = controller.update(plant.sample(), near, far)
+        controller.note_sent(wish)
+        plant.step(0.0, wish)
+        errors.append(plant.state[5] - motion.velocity_rad_s[tick])
+    assert np.max(np.abs(errors[690:])) < 4.0
 
 
 def test_velocity_steps_settle_on_the_velocity() -> None:

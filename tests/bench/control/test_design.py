@@ -131,7 +131,7 @@ def test_the_observer_holds_whatever_the_age_of_readings() -> None:
     tracking = design_tracking(CALIBRATION, TICK_S)
     bench = nominal_bench(CALIBRATION, TICK_S)
     assert holds_at_any_age(tracking.observer, bench, TICK_S)
-    eager = replace(tracking.observer, gain=4.0 * tracking.observer.gain)
+    eager = replace(tracking.observer, gains=4.0 * tracking.observer.gains)
     assert not holds_at_any_age(eager, bench, TICK_S)
 
 
