@@ -32,7 +32,7 @@ FREE, FREE_RATE, LOAD, OFFSET = STATES, STATES + 1, STATES + 2, STATES + 3
 WIDTH = STATES + 4
 INPUTS = 4  # command in force, next command, known torque on the load, known part of the free acceleration
 GRID = 16  # instants within a tick for which output rows are kept
-# Ticks without any reading that are told apart: after twice as many no bench is held any more (`stall_after`).
+# Ticks without any reading that are told apart; a longer pause takes the gain of this one.
 LONGEST_GAP = 40
 
 

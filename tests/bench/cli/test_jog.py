@@ -11,7 +11,7 @@ from norton_bench.cli.app import main
 from norton_bench.errors import ExitCode
 from norton_bench.faults.host_loss import read_witness
 from norton_bench.recording.reader import read_recording
-from tests.bench.half_rate import half_rate
+from tests.bench.half_rate import HALF_RATE, half_rate
 from tests.bench.served import rig_of_its_own, served
 
 RIGS = Path(__file__).parents[3] / "rigs"
@@ -88,7 +88,7 @@ def test_what_cannot_be_is_refused_before_anything_is_opened(
 
 @pytest.mark.wall_time
 def test_served_devices_are_moved_and_left_idle(tmp_path: Path) -> None:
-    rig = rig_of_its_own(tmp_path, group="239.74.163.88", **{'rate = "1 kHz"': 'rate = "500 Hz"'})
+    rig = rig_of_its_own(tmp_path, group="239.74.163.88", **HALF_RATE)
     command = [sys.executable, "-m", "norton_bench", "jog", rig.place, "--backend", "hardware", "--json"]
     command += ["--actuator", "0.05", "--duration", "500 ms", "--out", str(tmp_path / "out")]
     with served(rig) as witness:

@@ -1,6 +1,8 @@
 """Experiments on the test plant, for the tests of the controller."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -56,15 +58,25 @@ def warmed_up(settings: PlantSettings, calibration: LoadCalibration) -> tuple[Pl
 
 
 def driven(
-    settings: PlantSettings, calibration: LoadCalibration, command: FloatArray, admittance: Admittance, motion: Motion
+    settings: PlantSettings,
+    calibration: LoadCalibration,
+    command: FloatArray,
+    admittance: Admittance,
+    motion: Motion,
+    held_s: Mapping[int, float] = MappingProxyType({}),
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Load position and velocity at the ticks, and the mean square of the port torque over each; shape (ticks,)."""
+    """Load position and velocity at the ticks, and the mean square of the port torque over each; shape (ticks,).
+
+    ``held_s``: for how long readings are held back from each of these ticks on.
+    """
     plant, controller = warmed_up(settings, calibration)
     sample = plant.sample()
     controller.begin(sample, admittance)
     rows = []
     last = len(command) - 1
     for tick, value in enumerate(command):
+        if tick in held_s:
+            plant.hold_readings(held_s[tick])
         near, far = (
             target_at(motion, sample.load_position_rad, at) for at in (tick, min(tick + controller.lead_ticks, last))
         )

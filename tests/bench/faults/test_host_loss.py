@@ -10,12 +10,12 @@ from norton_bench.faults.case import Allowed, Verdict
 from norton_bench.faults.host_loss import lose_host
 from norton_bench.faults.rehearse import allowed_on
 from norton_bench.rig.load import load_rig
+from tests.bench.half_rate import HALF_RATE
 from tests.bench.served import rig_of_its_own
 
 KILLED, STOPPED = host_losses()
 RIGS = Path(__file__).parents[3] / "rigs"
 ALLOWED = Allowed(404_000_000)  # the watchdog's period, and two ticks
-HALF_RATE = {'rate = "1 kHz"': 'rate = "500 Hz"'}
 GROUP = "239.74.163.63"
 
 

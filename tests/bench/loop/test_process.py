@@ -25,6 +25,7 @@ from norton_bench.records import NO_SEGMENT, Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Segment, Use
 from norton_drivers.errors import ConnectionFailedError
+from tests.bench.half_rate import HALF_RATE
 from tests.bench.served import rig_of_its_own, served
 from tests.processes import children, process_lives, soon
 
@@ -32,7 +33,6 @@ pytestmark = pytest.mark.wall_time
 TABLES = ("motion", "load_motion", "torque", "current", "load_current")
 SESSION = Path(__file__).with_name("session_to_lose.py")
 TICK_NS = 2_000_000
-HALF_RATE = {'rate = "1 kHz"': 'rate = "500 Hz"'}
 
 
 @pytest.fixture(scope="module")
