@@ -47,7 +47,8 @@ def test_parameters_are_certain_and_near_what_its_authors_found(xl330: LogFit) -
     assert {each.status for each in alike} <= {Status.VALID, Status.UNEXCITED}
     assert xl330.converged
     assert all(estimate.status is Status.VALID for estimate in found.values())
-    assert damping.status is (Status.VALID if damping.std <= 0.5 * damping.value else Status.UNEXCITED)
+    assert damping.status is Status.VALID or damping.std > 0.5 * damping.value
+    assert damping.status in {Status.VALID, Status.UNEXCITED}
     assert found["torque_constant"].value == pytest.approx(0.387, rel=0.1)
     assert found["inertia"].value == pytest.approx(0.00181, rel=0.15)
     winding, source = found["winding_resistance"].value, found["source_resistance"].value
