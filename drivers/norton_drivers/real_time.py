@@ -42,7 +42,7 @@ def in_real_time(priority: int) -> Iterator[None]:
 def frozen_garbage() -> Iterator[None]:
     """Inside, the garbage collector ignores what exists already: looking through it takes 0.1 s each time."""
     frozen_before = gc.get_freeze_count() > 0
-    gc.collect()  # or what is left over already would stay for as long
+    gc.collect(1)  # what was left over lately would stay for as long; what is older was looked through before
     gc.freeze()
     try:
         yield
