@@ -162,7 +162,7 @@ class Simulation:
         return cls(
             readings,
             solution,
-            tuple(SimulatedStretch.of(stretch, solution) for stretch in stretches),
+            tuple(SimulatedStretch.of(stretch, solution, readings.coupling) for stretch in stretches),
             motion_rows,
             torque_rows,
             position,
@@ -193,7 +193,11 @@ class Simulation:
     def over(self, others: tuple[Signals, ...]) -> "Simulation":
         """The same over ``others`` too, as far as no stretch of its own holds them already."""
         own = {stretch.time_s[0] for stretch in self.stretches}
-        more = tuple(SimulatedStretch.of(other, self.solution) for other in others if other.time_s[0] not in own)
+        more = tuple(
+            SimulatedStretch.of(other, self.solution, self.readings.coupling)
+            for other in others
+            if other.time_s[0] not in own
+        )
         return replace(self, truths=(*self.truths, *more))
 
     def records(self) -> Iterator[Measured]:

@@ -22,8 +22,9 @@ from norton_drivers.servo import Servo
 
 # The motion is known this many times a tick: between its samples the friction's path is taken as straight.
 FINE = 4
-# Wide enough to leave everything below a quarter of the sampling rate as it is.
-INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
+# It leaves everything below a third of the sampling rate as it is, and passes little above half of it. Where a shaft
+# turns round, a path with less of its fast motion travels less far, and friction along it is late.
+INTERPOLATION = Kernel(cutoff=0.45, half_width=12.0)
 LONGEST_GAP_S = 0.05
 # Readings further apart than so many periods have one missing between them.
 LONGEST_STEP = 1.5

@@ -23,7 +23,7 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
-from norton_bench.identification.signals import FINE, Signals, TimeSeries
+from norton_bench.identification.signals import FINE, INTERPOLATION, Signals, TimeSeries
 from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
 
 Spectrum = npt.NDArray[np.complex128]
@@ -38,8 +38,9 @@ PORT = Kernel(cutoff=0.45, half_width=24.0)
 HIGHEST_SHOWN = 0.25
 # No grid is finer by more than this: what held commands drive behind a lag falls with the square of the frequency.
 FINEST = 4
-# What readings tell of a motion without loss, and no more: a shaft does not move faster than that.
+# What readings tell of a motion: it passes nothing that INTERPOLATION would not leave as it is.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
+LEAST_SHARE = 1e-3  # what passes SHAFT but for this is in its band
 NO_RESTS = np.empty(0, dtype=np.int64)
 
 
@@ -127,24 +128,29 @@ class SimulatedStretch:
     passive_nm: FloatArray
 
     @classmethod
-    def of(cls, stretch: Signals, solution: Solution) -> "SimulatedStretch":
+    def of(cls, stretch: Signals, solution: Solution, coupling: Coupling | None) -> "SimulatedStretch":
+        """``coupling``: what is behind the torque sensor, where it is known."""
         shape, linear = solution.shape, solution.linear
         step_s = stretch.tick_s / FINE
         time_s = stretch.time_s[0] + np.arange(stretch.path_rad.size) * step_s
-        motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
-        finer_s = time_s[0] + shape.motion_delay_s + np.arange(time_s.size * FINER) * (step_s / FINER)
-        finer_s = np.clip(finer_s, time_s[0], time_s[-1])
-        at_s = finer_s[::FINER]
-        path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
+        finer_s = time_s[0] + np.arange(time_s.size * FINER) * (step_s / FINER)
+        delayed_s = np.clip(finer_s + shape.motion_delay_s, time_s[0], time_s[-1])
+        at_s = delayed_s[::FINER]
         if isinstance(solution.regression, JointRegression):  # the motor behind it moves as it is driven
-            return cls(stretch, motion, time_s, -output_of(solution) * acceleration)
-        strengths, middle_s = loops.EVEN, solution.regression.rows[0].middle_s
-        if shape.changes(Factor.STRENGTH):
-            port_nm = _port(stretch, solution, finer_s - shape.motion_delay_s)
-            strengths = shape.strength(motion(finer_s, 1), motion(finer_s), port_nm, finer_s - middle_s)
-        h = loops.friction_path_of(motion(finer_s), shape.s_per_rad, NO_RESTS, strengths)[0]
+            motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
+            return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2))
+        # Once along the motion as it was read, once along the one that comes of it.
+        path_rad = stretch.path_rad
+        for band in (INTERPOLATION, SHAFT):
+            read = make_interp_spline(time_s, path_rad, k=5)
+            h = _friction_share(stretch, solution, read, np.clip(finer_s, time_s[0], time_s[-1]))
+            turns_rad = _turns(solution, h, step_s / FINER, stretch.position_period_s, coupling, band)[::FINER]
+            path_rad = (stretch.path_rad if band is INTERPOLATION else _filtered(stretch.path_rad, SHAFT)) + turns_rad
+        motion = make_interp_spline(time_s, path_rad, k=5)
+        h = _friction_share(stretch, solution, motion, delayed_s)
+        path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
         rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
-        damped = velocity * shape.damping(velocity, at_s - middle_s)
+        damped = velocity * shape.damping(velocity, at_s - solution.regression.rows[0].middle_s)
         torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * damped
         torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
         for index, periods in enumerate(solution.regression.cogging):
@@ -226,7 +232,7 @@ class Driving:
         )
         frequency_hz = np.asarray(np.fft.rfftfreq(at_s.size, step_s), dtype=np.float64)
         # Grids hold means over their steps, which takes a sinc off high frequencies.
-        above = _above_port(frequency_hz * truth.stretch.tick_s) / np.sinc(frequency_hz * step_s)
+        above = _above(PORT, frequency_hz * truth.stretch.tick_s) / np.sinc(frequency_hz * step_s)
         motor, load = (
             np.asarray(np.fft.rfft(torque_nm / inertia) * above)
             for torque_nm, inertia in ((motor_nm, inertia_kgm2), (load_nm, coupling.load_inertia_kgm2))
@@ -281,6 +287,39 @@ def motor_inertia(solution: Solution) -> float:
     return abs(float(solution.linear[INERTIA]))
 
 
+def _friction_share(stretch: Signals, solution: Solution, motion: BSpline, at_s: FloatArray) -> FloatArray:
+    """h along the motion, at instants of its own clock, evenly spaced: (n,)."""
+    shape, strengths = solution.shape, loops.EVEN
+    if shape.changes(Factor.STRENGTH):
+        port_nm = _port(stretch, solution, at_s - shape.motion_delay_s)
+        middle_s = solution.regression.rows[0].middle_s
+        strengths = shape.strength(motion(at_s, 1), motion(at_s), port_nm, at_s - middle_s)
+    return np.asarray(loops.friction_path_of(motion(at_s), shape.s_per_rad, NO_RESTS, strengths)[0])
+
+
+def _turns(
+    solution: Solution, h: FloatArray, step_s: float, period_s: float, coupling: Coupling | None, band: Kernel
+) -> FloatArray:
+    """What friction, of share ``h`` (n,), adds to the motion above a band: (n,).
+
+    Where a shaft turns round, its friction changes within less time than readings are apart, and they do not tell how
+    it moves meanwhile; the law does. So fast, nothing else answers to the contact's torque, σ0 φ + σ1 dφ/dt, than the
+    inertia on the sensor's spring.
+    """
+    friction_nm = solution.linear[COULOMB] * h
+    friction_nm += solution.linear[DAMPING] * np.gradient(h, step_s) / solution.shape.s_per_rad
+    size, inertia_kgm2 = next_fast_len(h.size, real=True), motor_inertia(solution)
+    frequency_hz = np.asarray(np.fft.rfftfreq(size, step_s), dtype=np.float64)
+    share = _above(band, frequency_hz * period_s)
+    answer = np.zeros(frequency_hz.size, dtype=np.complex128)
+    shown = share > LEAST_SHARE
+    answer[shown] = share[shown] / (inertia_kgm2 * (2 * np.pi * frequency_hz[shown]) ** 2)
+    if coupling is not None:
+        answer[shown] *= 1.0 - coupling.response(frequency_hz[shown], inertia_kgm2) / inertia_kgm2
+    spectrum = np.fft.rfft(friction_nm - np.mean(friction_nm), size)
+    return np.asarray(np.fft.irfft(spectrum * answer, size)[: h.size], dtype=np.float64)
+
+
 def _port(stretch: Signals, solution: Solution, time_s: FloatArray) -> FloatArray:
     """The torque at the port as it was measured, at instants (n,) of its own clock; zero where nothing measures it."""
     if stretch.torque_nm is None:
@@ -297,17 +336,17 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 @cache
-def _port_passes() -> tuple[FloatArray, FloatArray]:
-    """Frequencies [cycles a tick], evenly spaced, and the share of an amplitude that passes PORT: (n,) each."""
-    offsets = np.arange(-round(PORT.half_width * FINE), round(PORT.half_width * FINE) + 1) / FINE
-    taps = PORT.taps(offsets, 0, exact_to=3)
-    frequency = np.linspace(0.0, 0.5 * FINE, round(8 * PORT.half_width * FINE))
+def _passes(kernel: Kernel) -> tuple[FloatArray, FloatArray]:
+    """Frequencies [cycles a tick], evenly spaced, and the share of an amplitude that passes it: (n,) each."""
+    offsets = np.arange(-round(kernel.half_width * FINE), round(kernel.half_width * FINE) + 1) / FINE
+    taps = kernel.taps(offsets, 0, exact_to=3)
+    frequency = np.linspace(0.0, 0.5 * FINE, round(8 * kernel.half_width * FINE))
     return frequency, np.cos(2 * np.pi * np.outer(frequency, offsets)) @ taps
 
 
-def _above_port(frequency: FloatArray) -> FloatArray:
-    """The share of an amplitude that does not pass PORT, at frequencies in cycles a tick: (n,)."""
-    return np.asarray(1.0 - np.interp(frequency, *_port_passes(), right=0.0))
+def _above(kernel: Kernel, frequency: FloatArray) -> FloatArray:
+    """The share of an amplitude that does not pass, at frequencies in cycles a tick: (n,)."""
+    return np.asarray(1.0 - np.interp(frequency, *_passes(kernel), right=0.0))
 
 
 def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:
