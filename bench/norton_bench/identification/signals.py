@@ -22,9 +22,11 @@ from norton_drivers.servo import Servo
 
 # The motion is known this many times a tick: between its samples the friction's path is taken as straight.
 FINE = 4
-# It leaves everything below a third of the sampling rate as it is, and passes little above half of it. Where a shaft
-# turns round, a path with less of its fast motion travels less far, and friction along it is late.
-INTERPOLATION = Kernel(cutoff=0.45, half_width=12.0)
+# Wide enough to leave everything below a quarter of the sampling rate as it is.
+INTERPOLATION = Kernel(cutoff=0.36, half_width=12.0)
+# Of a motion, everything below a third: where a shaft turns round, a path with less of its fast motion travels less
+# far, and friction along it is late.
+OF_MOTION = Kernel(cutoff=0.45, half_width=12.0)
 LONGEST_GAP_S = 0.05
 # Readings further apart than so many periods have one missing between them.
 LONGEST_STEP = 1.5
@@ -157,11 +159,11 @@ class TimeSeries:
         table = INTERPOLATION.table()
         return np.asarray(loops.resample(time_s, value, self.period_s, grid_s, table, TABLE_PER_UNIT))
 
-    def both_at(self, other: "TimeSeries", grid_s: FloatArray) -> FloatArray:
-        """The same, and another one whose readings were taken at the same instants, (2, n)."""
+    def motion_at(self, other: "TimeSeries", grid_s: FloatArray) -> FloatArray:
+        """The same of a motion, and another one whose readings were taken at the same instants, (2, n)."""
         from norton_bench.identification import loops  # noqa: PLC0415  (compiled: slow to import)
 
-        (time_s, value), (_, of_other), table = self._filled(), other._filled(), INTERPOLATION.table()
+        (time_s, value), (_, of_other), table = self._filled(), other._filled(), OF_MOTION.table()
         return np.asarray(loops.resample_both(time_s, value, of_other, self.period_s, grid_s, table, TABLE_PER_UNIT))
 
     def _filled(self) -> tuple[FloatArray, FloatArray]:
@@ -286,7 +288,7 @@ def _stretch(
     sent_s, command = _sent(measured, port, origin_ns, (start_s, end_s))
     segment, in_use = _segments(measured, origin_ns, time_s, use)
     usable, moves = _usable(streams, time_s, in_use)
-    position_rad, path_rad = streams["position"].both_at(streams["path"], fine_s)
+    position_rad, path_rad = streams["position"].motion_at(streams["path"], fine_s)
     servo = measured.chain.servo if port is Port.ACTUATOR else None
     if servo is not None:
         usable &= _below_limit(servo, streams["path"].at(time_s), time_s, sent_s, command)

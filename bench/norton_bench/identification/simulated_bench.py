@@ -23,7 +23,7 @@ from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
-from norton_bench.identification.signals import FINE, INTERPOLATION, Signals, TimeSeries
+from norton_bench.identification.signals import FINE, OF_MOTION, Signals, TimeSeries
 from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
 
 Spectrum = npt.NDArray[np.complex128]
@@ -38,7 +38,7 @@ PORT = Kernel(cutoff=0.45, half_width=24.0)
 HIGHEST_SHOWN = 0.25
 # No grid is finer by more than this: what held commands drive behind a lag falls with the square of the frequency.
 FINEST = 4
-# What readings tell of a motion: it passes nothing that INTERPOLATION would not leave as it is.
+# What readings tell of a motion without loss, and no more.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
 LEAST_SHARE = 1e-3  # what passes SHAFT but for this is in its band
 NO_RESTS = np.empty(0, dtype=np.int64)
@@ -140,12 +140,14 @@ class SimulatedStretch:
             motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
             return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2))
         # Once along the motion as it was read, once along the one that comes of it.
-        path_rad = stretch.path_rad
-        for band in (INTERPOLATION, SHAFT):
+        path_rad, in_band = stretch.path_rad, ((OF_MOTION, stretch.position_period_s),)
+        for base_rad, passed in (
+            (path_rad, in_band),
+            (_filtered(path_rad, SHAFT), ((SHAFT, stretch.tick_s), *in_band)),
+        ):
             read = make_interp_spline(time_s, path_rad, k=5)
             h = _friction_share(stretch, solution, read, np.clip(finer_s, time_s[0], time_s[-1]))
-            turns_rad = _turns(solution, h, step_s / FINER, stretch.position_period_s, coupling, band)[::FINER]
-            path_rad = (stretch.path_rad if band is INTERPOLATION else _filtered(stretch.path_rad, SHAFT)) + turns_rad
+            path_rad = base_rad + _turns(solution, h, step_s / FINER, coupling, passed)[::FINER]
         motion = make_interp_spline(time_s, path_rad, k=5)
         h = _friction_share(stretch, solution, motion, delayed_s)
         path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
@@ -298,9 +300,13 @@ def _friction_share(stretch: Signals, solution: Solution, motion: BSpline, at_s:
 
 
 def _turns(
-    solution: Solution, h: FloatArray, step_s: float, period_s: float, coupling: Coupling | None, band: Kernel
+    solution: Solution,
+    h: FloatArray,
+    step_s: float,
+    coupling: Coupling | None,
+    passed: tuple[tuple[Kernel, float], ...],
 ) -> FloatArray:
-    """What friction, of share ``h`` (n,), adds to the motion above a band: (n,).
+    """What friction, of share ``h`` (n,), adds to a motion that has ``passed`` kernels of these samples [s]: (n,).
 
     Where a shaft turns round, its friction changes within less time than readings are apart, and they do not tell how
     it moves meanwhile; the law does. So fast, nothing else answers to the contact's torque, σ0 φ + σ1 dφ/dt, than the
@@ -310,7 +316,7 @@ def _turns(
     friction_nm += solution.linear[DAMPING] * np.gradient(h, step_s) / solution.shape.s_per_rad
     size, inertia_kgm2 = next_fast_len(h.size, real=True), motor_inertia(solution)
     frequency_hz = np.asarray(np.fft.rfftfreq(size, step_s), dtype=np.float64)
-    share = _above(band, frequency_hz * period_s)
+    share = 1.0 - np.prod([1.0 - _above(kernel, frequency_hz * sample_s) for kernel, sample_s in passed], axis=0)
     answer = np.zeros(frequency_hz.size, dtype=np.complex128)
     shown = share > LEAST_SHARE
     answer[shown] = share[shown] / (inertia_kgm2 * (2 * np.pi * frequency_hz[shown]) ** 2)
