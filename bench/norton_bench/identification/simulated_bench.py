@@ -40,7 +40,8 @@ HIGHEST_SHOWN = 0.25
 FINEST = 4
 # What readings tell of a motion without loss, and no more.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
-LEAST_SHARE = 1e-3  # what passes SHAFT but for this is in its band
+# A kernel that takes off less than this passes all: what its ripple takes off slow motion would become a drift.
+LEAST_SHARE = 1e-3
 NO_RESTS = np.empty(0, dtype=np.int64)
 
 
@@ -139,22 +140,21 @@ class SimulatedStretch:
         if isinstance(solution.regression, JointRegression):  # the motor behind it moves as it is driven
             motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
             return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2))
-        # Once along the motion as it was read, once along the one that comes of it.
-        path_rad, in_band = stretch.path_rad, ((OF_MOTION, stretch.position_period_s),)
-        for base_rad, passed in (
-            (path_rad, in_band),
-            (_filtered(path_rad, SHAFT), ((SHAFT, stretch.tick_s), *in_band)),
-        ):
-            read = make_interp_spline(time_s, path_rad, k=5)
-            h = _friction_share(stretch, solution, read, np.clip(finer_s, time_s[0], time_s[-1]))
-            path_rad = base_rad + _turns(solution, h, step_s / FINER, coupling, passed)[::FINER]
-        motion = make_interp_spline(time_s, path_rad, k=5)
+        read_s, reading = np.clip(finer_s, time_s[0], time_s[-1]), (OF_MOTION, stretch.position_period_s)
+
+        def turns_rad(path_rad: FloatArray, *passed: tuple[Kernel, float]) -> FloatArray:
+            h = _friction_share(stretch, solution, make_interp_spline(time_s, path_rad, k=5), read_s)
+            return _turns(solution, h, step_s / FINER, coupling, passed)[::FINER]
+
+        # Along the motion as it was read, and along the one that comes of it.
+        sharper_rad = stretch.path_rad + turns_rad(stretch.path_rad, reading)
+        smooth_rad = _filtered(stretch.path_rad, SHAFT)
+        motion = make_interp_spline(time_s, smooth_rad + turns_rad(sharper_rad, (SHAFT, stretch.tick_s), reading), k=5)
         h = _friction_share(stretch, solution, motion, delayed_s)
         path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
-        rate = np.gradient(h, step_s / FINER) / shape.s_per_rad
         damped = velocity * shape.damping(velocity, at_s - solution.regression.rows[0].middle_s)
         torque = -linear[INERTIA] * acceleration - linear[VISCOUS] * damped
-        torque -= linear[COULOMB] * h[::FINER] + linear[DAMPING] * rate[::FINER]
+        torque -= _friction_nm(solution, h, step_s / FINER)[::FINER]
         for index, periods in enumerate(solution.regression.cogging):
             cosine, sine = linear[len(LINEAR) + 2 * index : len(LINEAR) + 2 * index + 2]
             torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
@@ -234,7 +234,7 @@ class Driving:
         )
         frequency_hz = np.asarray(np.fft.rfftfreq(at_s.size, step_s), dtype=np.float64)
         # Grids hold means over their steps, which takes a sinc off high frequencies.
-        above = _above(PORT, frequency_hz * truth.stretch.tick_s) / np.sinc(frequency_hz * step_s)
+        above = (1.0 - _passed(PORT, frequency_hz * truth.stretch.tick_s)) / np.sinc(frequency_hz * step_s)
         motor, load = (
             np.asarray(np.fft.rfft(torque_nm / inertia) * above)
             for torque_nm, inertia in ((motor_nm, inertia_kgm2), (load_nm, coupling.load_inertia_kgm2))
@@ -299,6 +299,12 @@ def _friction_share(stretch: Signals, solution: Solution, motion: BSpline, at_s:
     return np.asarray(loops.friction_path_of(motion(at_s), shape.s_per_rad, NO_RESTS, strengths)[0])
 
 
+def _friction_nm(solution: Solution, h: FloatArray, step_s: float) -> FloatArray:
+    """The torque of the friction contact, σ0 φ + σ1 dφ/dt, of share ``h`` (n,) at even steps: (n,)."""
+    rate = np.gradient(h, step_s) / solution.shape.s_per_rad
+    return np.asarray(solution.linear[COULOMB] * h + solution.linear[DAMPING] * rate)
+
+
 def _turns(
     solution: Solution,
     h: FloatArray,
@@ -309,14 +315,13 @@ def _turns(
     """What friction, of share ``h`` (n,), adds to a motion that has ``passed`` kernels of these samples [s]: (n,).
 
     Where a shaft turns round, its friction changes within less time than readings are apart, and they do not tell how
-    it moves meanwhile; the law does. So fast, nothing else answers to the contact's torque, σ0 φ + σ1 dφ/dt, than the
-    inertia on the sensor's spring.
+    it moves meanwhile; the law does. So fast, nothing else answers to the contact's torque than the inertia on the
+    sensor's spring.
     """
-    friction_nm = solution.linear[COULOMB] * h
-    friction_nm += solution.linear[DAMPING] * np.gradient(h, step_s) / solution.shape.s_per_rad
+    friction_nm = _friction_nm(solution, h, step_s)
     size, inertia_kgm2 = next_fast_len(h.size, real=True), motor_inertia(solution)
     frequency_hz = np.asarray(np.fft.rfftfreq(size, step_s), dtype=np.float64)
-    share = 1.0 - np.prod([1.0 - _above(kernel, frequency_hz * sample_s) for kernel, sample_s in passed], axis=0)
+    share = 1.0 - np.prod([_passed(kernel, frequency_hz * sample_s) for kernel, sample_s in passed], axis=0)
     answer = np.zeros(frequency_hz.size, dtype=np.complex128)
     shown = share > LEAST_SHARE
     answer[shown] = share[shown] / (inertia_kgm2 * (2 * np.pi * frequency_hz[shown]) ** 2)
@@ -343,16 +348,16 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 @cache
 def _passes(kernel: Kernel) -> tuple[FloatArray, FloatArray]:
-    """Frequencies [cycles a tick], evenly spaced, and the share of an amplitude that passes it: (n,) each."""
+    """Frequencies [cycles a sample], evenly spaced, and the share of an amplitude that passes it: (n,) each."""
     offsets = np.arange(-round(kernel.half_width * FINE), round(kernel.half_width * FINE) + 1) / FINE
     taps = kernel.taps(offsets, 0, exact_to=3)
     frequency = np.linspace(0.0, 0.5 * FINE, round(8 * kernel.half_width * FINE))
     return frequency, np.cos(2 * np.pi * np.outer(frequency, offsets)) @ taps
 
 
-def _above(kernel: Kernel, frequency: FloatArray) -> FloatArray:
-    """The share of an amplitude that does not pass, at frequencies in cycles a tick: (n,)."""
-    return np.asarray(1.0 - np.interp(frequency, *_passes(kernel), right=0.0))
+def _passed(kernel: Kernel, frequency: FloatArray) -> FloatArray:
+    """The share of an amplitude that passes, at frequencies in cycles a sample: (n,)."""
+    return np.asarray(np.interp(frequency, *_passes(kernel), right=0.0))
 
 
 def _filtered(values: FloatArray, kernel: Kernel, *, of_means: bool = False) -> FloatArray:

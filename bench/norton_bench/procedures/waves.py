@@ -16,8 +16,8 @@ CLIP_AT = 0.6
 # Of the loop's rate, and at most: where multisines end.
 HIGHEST_SHARE, HIGHEST_HZ = 0.2, 200.0
 EDGE_S = 0.2  # duration of the speeding up and slowing down of a sweep
-# A plan is made once to be checked and once to be carried out, and again for the next rig: as many waves are kept.
-KEPT = 32
+# Waves in the cache: a plan is made once to be checked and once more to be carried out.
+CACHED_WAVES = 32
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def highest_hz(tick_s: float) -> float:
     return min(HIGHEST_SHARE / tick_s, HIGHEST_HZ)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED_WAVES)
 def multisine(
     duration_s: float,
     tick_s: float,
@@ -84,8 +84,8 @@ def multisine(
     """A multisine with peak 1 that begins and ends at zero; shape (ticks,).
 
     ``lines`` frequencies, evenly spread over the logarithm of frequency, with amplitudes ~ frequency^slope. Phases are
-    random, and improved by so many ``clippings``: the wave has a low crest factor. The array cannot be written to,
-    because it is kept for the next call.
+    random, and improved by so many ``clippings``: the wave has a low crest factor. The array is cached, and
+    read-only.
     """
     time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
@@ -93,15 +93,15 @@ def multisine(
         phase = flat_phases(frequency, amplitude, phase, time_s, clippings)
     wave = amplitude @ np.sin(2 * np.pi * np.outer(frequency, time_s) + phase[:, None])
     wave = wave * _window(time_s, duration_s)[0]
-    return _kept(wave / np.max(np.abs(wave)))
+    return _read_only(wave / np.max(np.abs(wave)))
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED_WAVES)
 def multisine_motion(
     duration_s: float, tick_s: float, *, low_hz: float, high_hz: float, seed: int, slope: float = 0.0, lines: int = 40
 ) -> Motion:
-    """A multisine motion with a peak velocity of 1 rad/s; ``slope`` shapes the velocity's spectrum. Kept as
-    :func:`multisine` is.
+    """A multisine motion with a peak velocity of 1 rad/s; ``slope`` shapes the velocity's spectrum. Cached and
+    read-only.
     """
     time_s = _instants(duration_s, tick_s)
     frequency, amplitude, phase = _lines(low_hz, high_hz, seed, slope, lines)
@@ -114,11 +114,11 @@ def multisine_motion(
     w, w1, w2 = _window(time_s, duration_s)
     motion = Motion(w * position, w1 * position + w * velocity, w2 * position + 2 * w1 * velocity + w * acceleration)
     unit = motion.scaled(1.0 / np.max(np.abs(motion.velocity_rad_s)))
-    return Motion(_kept(unit.position_rad), _kept(unit.velocity_rad_s), _kept(unit.acceleration_rad_s2))
+    return Motion(_read_only(unit.position_rad), _read_only(unit.velocity_rad_s), _read_only(unit.acceleration_rad_s2))
 
 
-def _kept(values: FloatArray) -> FloatArray:
-    """The same, not to be written to."""
+def _read_only(values: FloatArray) -> FloatArray:
+    """The same array, which can no longer be written to."""
     values.setflags(write=False)
     return values
 

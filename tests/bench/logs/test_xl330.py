@@ -14,6 +14,8 @@ from tests.bench.real_data import ROOT, data_file
 MOST_RAD = 0.06
 # A refit of Coulomb and viscous friction alone, trained and tested on the same logs, came to 0.045 and 0.102.
 REFIT_RAD = 0.045
+# A tenth of the rms exertion over the rms velocity of these logs: damping that is smaller is known to be next to nothing.
+SMALL_DAMPING_NMS_RAD = 3.857e-3
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +49,8 @@ def test_parameters_are_certain_and_near_what_its_authors_found(xl330: LogFit) -
     assert {each.status for each in alike} <= {Status.VALID, Status.UNEXCITED}
     assert xl330.converged
     assert all(estimate.status is Status.VALID for estimate in found.values())
-    assert damping.status is Status.VALID or damping.std > 0.5 * damping.value
-    assert damping.status in {Status.VALID, Status.UNEXCITED}
+    known = damping.std <= 0.5 * max(damping.value, SMALL_DAMPING_NMS_RAD)
+    assert damping.status is (Status.VALID if known else Status.UNEXCITED)
     assert found["torque_constant"].value == pytest.approx(0.387, rel=0.1)
     assert found["inertia"].value == pytest.approx(0.00181, rel=0.15)
     winding, source = found["winding_resistance"].value, found["source_resistance"].value
