@@ -14,7 +14,7 @@ from tests.bench.real_data import ROOT, data_file
 MOST_RAD = 0.06
 # A refit of Coulomb and viscous friction alone, trained and tested on the same logs, came to 0.045 and 0.102.
 REFIT_RAD = 0.045
-# A tenth of the rms exertion over the rms velocity of these logs: damping that is smaller is known to be next to nothing.
+# A tenth of the rms exertion over the rms velocity of these logs: smaller damping is known to be next to nothing.
 SMALL_DAMPING_NMS_RAD = 3.857e-3
 
 
