@@ -1,11 +1,12 @@
 """Ringing of the two motors on the torque sensor's spring, found in the torque readings and subtracted from them.
 
-Each step of a command makes both inertias oscillate. If they do so faster than the torque is read, sampling aliases
-the oscillation into the band that is fitted. It follows from the commands, as the motor's own torque does, so the fit
-takes it for inertia, bandwidth and damping: errors of ten standard deviations, with a white residual. The calibration
-knows the spring too badly to predict it. The readings tell it: stiffness, damping, and the amplitude and delay with
-which either motor drives the spring are estimated by maximum likelihood. Whatever the unknowns of the fit can explain
-is projected out before (Frisch, Waugh and Lovell).
+Each step of a command, and friction at each turn, makes both inertias oscillate. If they do so faster than the torque
+is read, sampling aliases the oscillation into the band that is fitted. It follows from the commands, as the motor's own
+torque does, so the fit takes it for inertia, bandwidth and damping: errors of ten standard deviations, with a white
+residual. The calibration knows the spring too badly to predict it. The readings tell it: stiffness, damping, and the
+amplitude and delay with which either motor drives the spring are estimated by maximum likelihood. Whatever the unknowns
+of the fit can explain is projected out before (Frisch, Waugh and Lovell). After a turn the friction contact, as the fit
+has it, damps the oscillation until the shaft slides.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -62,12 +63,12 @@ class Ringing:
         spans = ((simulation.seen(truth), simulation.driving(truth, coupling)) for truth in simulation.truths)
         return cls(simulation, stretches, tuple(spans))
 
-    def torque_nm(self, spectrum_of: Callable[[Driving], Spectrum]) -> FloatArray:
+    def torque_nm(self, spring: Coupling, push_of: Callable[[Driving], Spectrum]) -> FloatArray:
         """At the instants of the torque readings, zero outside the spans, (readings,)."""
         time_s = self.simulation.torque.time_s
         torque_nm = np.zeros(time_s.size)
         for seen, driving in self.spans:
-            torque_nm[seen] = driving.torque_at(time_s[seen], spectrum_of(driving))
+            torque_nm[seen] = driving.torque_at(time_s[seen], push_of(driving), spring)
         return torque_nm
 
     def rows(self, torque_nm: FloatArray, band: Kernel) -> FloatArray:
@@ -87,7 +88,7 @@ class Ringing:
 
     def of_spring(self, spring: Coupling) -> FloatArray:
         """Torque at the instants of the readings with this spring, (readings,)."""
-        return self.torque_nm(lambda driving: driving.spectrum(spring))
+        return self.torque_nm(spring, lambda driving: driving.push(spring))
 
     def read(self, spring: Coupling, band: Kernel) -> FloatArray:
         """The same, filtered as the fit's rows in ``band`` are, (samples,)."""
@@ -121,10 +122,10 @@ class Likelihood:
         left = left - unknowns @ (unknowns.T @ left)
         return cls(ringing, evaluated, left, unknowns, solution.regression.alike)
 
-    def projected(self, spectrum_of: Callable[[Driving], Spectrum]) -> FloatArray:
+    def projected(self, spring: Coupling, push_of: Callable[[Driving], Spectrum]) -> FloatArray:
         """The part of a ringing in the rows that the fit's unknowns cannot explain, (rows,)."""
         regression = self.ringing.simulation.solution.regression
-        rows = self.ringing.rows(self.ringing.torque_nm(spectrum_of), regression.rows[0].kernel)
+        rows = self.ringing.rows(self.ringing.torque_nm(spring, push_of), regression.rows[0].kernel)
         white = regression.white(rows[None, :])[0][self.evaluated]
         return np.asarray(white - self.unknowns @ (self.unknowns.T @ white))
 
@@ -288,18 +289,21 @@ def _with_best_phases(likelihood: Likelihood, spring: Coupling, inertia_kgm2: fl
     """The same spring with the best amplitude and phase of either motor, by linear least squares, and its gain."""
 
     def motor(driving: Driving) -> Spectrum:
-        return np.asarray(driving.motor * spring.response(driving.frequency_hz, inertia_kgm2))
+        return driving.motor
 
     def load(driving: Driving) -> Spectrum:
-        return np.asarray(-driving.load * spring.response(driving.frequency_hz, inertia_kgm2))
+        return -driving.load
 
     def a_quarter_period_later(part: Callable[[Driving], Spectrum]) -> Callable[[Driving], Spectrum]:
         return lambda driving: -1j * part(driving)
 
-    columns = [likelihood.projected(each) for part in (motor, load) for each in (part, a_quarter_period_later(part))]
+    columns = [
+        likelihood.projected(spring, each) for part in (motor, load) for each in (part, a_quarter_period_later(part))
+    ]
     matrix = np.stack(columns, axis=1)
-    amplitudes = np.linalg.lstsq(matrix, likelihood.left, rcond=None)[0]
-    gain = likelihood.gain(likelihood.left - matrix @ amplitudes)
+    left = likelihood.left + likelihood.projected(spring, lambda driving: driving.friction)
+    amplitudes = np.linalg.lstsq(matrix, left, rcond=None)[0]
+    gain = likelihood.gain(left - matrix @ amplitudes)
     omega = 2 * np.pi * spring.resonance_hz(inertia_kgm2)
     of_motor, of_load = (complex(*amplitudes[at : at + 2]) for at in (0, 2))
     fitting = replace(
@@ -316,7 +320,7 @@ def _most_likely(likelihood: Likelihood, start: Coupling, prior: Prior) -> Sprin
     """The local maximum near ``start``, by Gauss-Newton."""
 
     def rest_of(spring: Coupling) -> FloatArray:
-        return likelihood.left - likelihood.projected(lambda driving: driving.spectrum(spring))
+        return likelihood.left - likelihood.projected(spring, lambda driving: driving.push(spring))
 
     spring = prior.possible(start)
     rest = rest_of(spring)

@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.linalg import expm
 from scipy.ndimage import map_coordinates, spline_filter1d
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.coupling import Coupling, least_damping_nms_rad
 from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
@@ -38,6 +39,8 @@ PORT = Kernel(cutoff=0.45, half_width=24.0)
 HIGHEST_SHOWN = 0.25
 # No grid is finer by more than this: what held commands drive behind a lag falls with the square of the frequency.
 FINEST = 4
+# Of a step of an even grid: a contact that holds what oscillates is simulated in these, 16 a period at HIGHEST_SHOWN.
+SUBSTEPS = 4
 # What readings tell of a motion without loss, and no more.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
 # A kernel that takes off less than this passes all: what its ripple takes off slow motion would become a drift.
@@ -121,12 +124,14 @@ class SimulatedStretch:
     """One stretch as if the fit were true: its motion, and the torque under that motion without a command.
 
     ``motion`` is on the motion's clock, ``passive_nm`` (n,) at ``time_s`` on the torque's, FINE times a tick.
+    ``share`` (m,) is the friction's, h, FINER times as often; zeros for a motor behind a joint.
     """
 
     stretch: Signals
     motion: BSpline
     time_s: FloatArray
     passive_nm: FloatArray
+    share: FloatArray
 
     @classmethod
     def of(cls, stretch: Signals, solution: Solution, coupling: Coupling | None) -> "SimulatedStretch":
@@ -139,7 +144,7 @@ class SimulatedStretch:
         at_s = delayed_s[::FINER]
         if isinstance(solution.regression, JointRegression):  # the motor behind it moves as it is driven
             motion = make_interp_spline(time_s, _filtered(stretch.path_rad, SHAFT), k=5)
-            return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2))
+            return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2), np.zeros(finer_s.size))
         read_s, reading = np.clip(finer_s, time_s[0], time_s[-1]), (OF_MOTION, stretch.position_period_s)
 
         def turns_rad(path_rad: FloatArray, *passed: tuple[Kernel, float]) -> FloatArray:
@@ -158,7 +163,7 @@ class SimulatedStretch:
         for index, periods in enumerate(solution.regression.cogging):
             cosine, sine = linear[len(LINEAR) + 2 * index : len(LINEAR) + 2 * index + 2]
             torque += cosine * np.cos(periods * path) + sine * np.sin(periods * path)
-        return cls(stretch, motion, time_s, torque)
+        return cls(stretch, motion, time_s, torque, h)
 
     def torque(self, solution: Solution, travel_s: FloatArray) -> EvenSpline:
         """At the port in PORT's band, on the torque's clock, where each command travelled longer than usual by
@@ -194,6 +199,15 @@ class SimulatedStretch:
         begins = np.zeros(1, dtype=np.int64)
         return np.asarray(regression.model(shape).torque(driven, path, step_s, begins, states, 0.0))
 
+    @property
+    def finer_s(self) -> float:
+        """Between two values of the friction's share."""
+        return self.stretch.tick_s / FINE / FINER
+
+    def at(self, at_s: FloatArray, values: FloatArray) -> FloatArray:
+        """Of ``values`` (m,), as far apart as the friction's share, those at instants of the torque's clock, (n,)."""
+        return np.interp(at_s, self.time_s[0] + np.arange(values.size) * self.finer_s, values)
+
     @cached_property  # of every simulated record
     def _passive_in_band_nm(self) -> FloatArray:
         return _filtered(self.passive_nm, PORT)
@@ -208,15 +222,42 @@ def mean_lag(
 
 
 @dataclass(frozen=True)
+class Contact:
+    """The friction's, under a quick motion so small that its share h stays what it is along the shaft's path.
+
+    Of such a motion its deflection follows the share ``sticking``, 1 - h sign(v), and forgets it at the rate
+    ``slip_1_s``, |v| σ0 / τc: (n,) each.
+    """
+
+    sticking: FloatArray
+    slip_1_s: FloatArray
+    stiffness_nm_rad: float
+    damping_nms_rad: float
+
+    @classmethod
+    def of(cls, truth: SimulatedStretch, solution: Solution, at_s: FloatArray) -> "Contact":
+        """At these instants of the torque's clock. A motor behind a joint has none at the sensor's spring."""
+        if isinstance(solution.regression, JointRegression):
+            return cls(np.zeros(at_s.size), np.zeros(at_s.size), 0.0, 0.0)
+        shape, linear = solution.shape, solution.linear
+        velocity = truth.motion(np.clip(at_s + shape.motion_delay_s, truth.time_s[0], truth.time_s[-1]), 1)
+        sticking = 1.0 - np.clip(truth.at(at_s, truth.share) * np.sign(velocity), -1.0, 1.0)
+        slip_1_s = np.abs(velocity) * shape.s_per_rad
+        return cls(sticking, slip_1_s, float(linear[COULOMB] * shape.s_per_rad), float(linear[DAMPING]))
+
+
+@dataclass(frozen=True)
 class Driving:
-    """What makes a coupling ring, above PORT's band: spectra [rad/s²/Hz] of the accelerations that both motors give
-    their inertias, over an even grid of time ``at_s`` (n,), on the torque's clock."""
+    """What makes a coupling ring, above PORT's band: spectra [rad/s²/Hz] of the accelerations that both motors and the
+    friction give their inertias, over an even grid of time ``at_s`` (n,), on the torque's clock; and what holds it."""
 
     at_s: FloatArray
     frequency_hz: FloatArray
     motor: Spectrum
     load: Spectrum
+    friction: Spectrum  # of the motor, against its motion
     inertia_kgm2: float
+    contact: Contact
 
     @classmethod
     def of(
@@ -235,35 +276,70 @@ class Driving:
         frequency_hz = np.asarray(np.fft.rfftfreq(at_s.size, step_s), dtype=np.float64)
         # Grids hold means over their steps, which takes a sinc off high frequencies.
         above = (1.0 - _passed(PORT, frequency_hz * truth.stretch.tick_s)) / np.sinc(frequency_hz * step_s)
-        motor, load = (
+        motor, load, friction = (
             np.asarray(np.fft.rfft(torque_nm / inertia) * above)
-            for torque_nm, inertia in ((motor_nm, inertia_kgm2), (load_nm, coupling.load_inertia_kgm2))
+            for torque_nm, inertia in (
+                (motor_nm, inertia_kgm2),
+                (load_nm, coupling.load_inertia_kgm2),
+                (truth.at(at_s, _friction_nm(solution, truth.share, truth.finer_s)), inertia_kgm2),
+            )
         )
-        return cls(at_s, frequency_hz, motor, load, inertia_kgm2)
+        return cls(at_s, frequency_hz, motor, load, friction, inertia_kgm2, Contact.of(truth, solution, at_s))
 
     def blurred(self, uneven_s: float) -> "Driving":
         """On average over commands that travel so unevenly."""
         kept = np.exp(-0.5 * (2 * np.pi * self.frequency_hz * uneven_s) ** 2)
         return replace(self, motor=self.motor * kept, load=self.load * kept)
 
-    def spectrum(self, coupling: Coupling) -> Spectrum:
-        """Of the torque that the sensor feels."""
+    def push(self, coupling: Coupling) -> Spectrum:
+        """Of what drives the two ends of the spring apart."""
         turn = -2j * np.pi * self.frequency_hz
         driving = coupling.motor_amplitude * np.exp(turn * coupling.motor_extra_delay_s) * self.motor
         driving -= coupling.load_amplitude * np.exp(turn * coupling.load_extra_delay_s) * self.load
-        return np.asarray(driving * coupling.response(self.frequency_hz, self.inertia_kgm2))
+        return np.asarray(driving - self.friction)
 
     def ringing_at(self, time_s: FloatArray, coupling: Coupling) -> FloatArray:
-        """The same at some instants, (m,)."""
-        return self.torque_at(time_s, self.spectrum(coupling))
+        """The torque that the sensor feels, at some instants, (m,)."""
+        return self.torque_at(time_s, self.push(coupling), coupling)
 
-    def torque_at(self, time_s: FloatArray, spectrum: Spectrum) -> FloatArray:
-        """What has this spectrum, at some instants, (m,)."""
-        torque_nm = np.asarray(np.fft.irfft(spectrum, self.at_s.size), dtype=np.float64)
+    def torque_at(self, time_s: FloatArray, push: Spectrum, coupling: Coupling) -> FloatArray:
+        """What the sensor feels of this push, at some instants, (m,)."""
+        torque_nm = self._torque_nm(push, coupling)
         order = np.argsort(time_s)
         found_nm = np.empty(time_s.size)
         found_nm[order] = TimeSeries(self.at_s, torque_nm, float(self.at_s[1] - self.at_s[0])).at(time_s[order])
         return found_nm
+
+    def _torque_nm(self, push: Spectrum, coupling: Coupling) -> FloatArray:
+        """The spring's, on the grid, (n,)."""
+        step_s = float(self.at_s[1] - self.at_s[0])
+        # Between the instants of a grid lie straight lines, which takes the square of a sinc off high frequencies.
+        driving = np.fft.irfft(push / np.sinc(self.frequency_hz * step_s) ** 2, self.at_s.size)
+        mobility, contact = coupling.mobility_1_kgm2(self.inertia_kgm2), self.contact
+        damping = max(coupling.damping_nms_rad, least_damping_nms_rad(coupling.stiffness_nm_rad, mobility))
+        # Of a twist the motor's end moves this share.
+        own = 1.0 / (self.inertia_kgm2 * mobility)
+        place, speed = loops.oscillator_with_contact(
+            np.asarray(driving, dtype=np.float64),
+            step_s,
+            SUBSTEPS,
+            across_step(mobility * coupling.stiffness_nm_rad, mobility * damping, step_s / SUBSTEPS),
+            own * contact.stiffness_nm_rad / self.inertia_kgm2,
+            own * contact.damping_nms_rad / self.inertia_kgm2,
+            contact.sticking,
+            contact.slip_1_s,
+        )
+        return np.asarray(coupling.stiffness_nm_rad * place + damping * speed)
+
+
+def across_step(stiffness: float, damping: float, step_s: float) -> FloatArray:
+    """What an oscillator of this stiffness and damping over its mass does within a step: (2, 4), from displacement,
+    velocity, and the acceleration that drives it at the step's begin and end, with a straight line between."""
+    flow = np.zeros((4, 4))
+    flow[0, 1], flow[1, :3] = 1.0, (-stiffness, -damping, 1.0)
+    flow[2, 3] = 1.0 / step_s
+    over = expm(flow * step_s)[:2]
+    return np.column_stack([over[:, :2], over[:, 2] - over[:, 3], over[:, 3]])
 
 
 def even_grid(begin_s: float, end_s: float, tick_s: float, highest_hz: float) -> FloatArray:
