@@ -223,7 +223,8 @@ def fitted_springs(simulation: Simulation, coupling: Coupling, before: Sequence[
     else:
         starts = _starting_springs(likelihood, prior)
     found = sorted((_most_likely(likelihood, start, prior) for start in starts), key=lambda each: -each.gain)
-    if found[0].gain < likelihood.least_gain or prior.implausible(found[0].spring):
+    # The first fit is too much biased for its motor's amplitude to be judged.
+    if found[0].gain < likelihood.least_gain or (before and prior.implausible(found[0].spring)):
         return ()
     return tuple(_with_deviations(each, prior) for each in found[:MOST_STARTS])
 

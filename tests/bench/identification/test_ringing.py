@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import integrate, signal
 
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling, Prior
@@ -12,12 +12,13 @@ from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
 from norton_bench.identification.fit import fit, solution_of
 from norton_bench.identification.live import LiveIdentifier
+from norton_bench.identification.loops import oscillator_with_contact
 from norton_bench.identification.model_error import folded_ringing
 from norton_bench.identification.motor_values import physical
 from norton_bench.identification.ringing import Ringing, remark_on, without_ringing
 from norton_bench.identification.separable import solve_again
 from norton_bench.identification.signals import FINE, sent_at_s, signals
-from norton_bench.identification.simulated_bench import FINEST, PORT, even_grid
+from norton_bench.identification.simulated_bench import FINEST, PORT, SUBSTEPS, across_step, even_grid
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.live.phases import feed
@@ -133,19 +134,27 @@ def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment,
     assert np.std(left) < 0.2 * np.std(put_in)
 
 
-def test_parameters_biased_by_ringing_are_corrected():
-    """A bench that is simulated in steps of 10 µs, whose spring rings at 1200 Hz; the calibration took it for a third
-    stiffer, and the load for a quarter of a millisecond quicker than it is."""
-    stiffness = (2 * np.pi * 1200.0) ** 2 / MOBILITY
+@pytest.mark.parametrize(
+    ("resonance_hz", "presliding_damping", "calibrated"),
+    [
+        pytest.param(1200.0, 0.01, 1.33, id="far from what was calibrated"),
+        pytest.param(1050.0, 0.03, 1.03, id="held by a strong contact"),
+    ],
+)
+def test_parameters_biased_by_ringing_are_corrected(resonance_hz, presliding_damping, calibrated):
+    """A bench that is simulated in steps of 10 µs; the calibration took its spring for stiffer, and the load for a
+    quarter of a millisecond quicker than it is."""
+    stiffness = (2 * np.pi * resonance_hz) ** 2 / MOBILITY
+    truth = Truth(presliding_damping=presliding_damping)
     bench = Bench(stiffness=stiffness, damping=0.01, noise_nm=3e-4)
-    measured = synthetic.brief(3, bench=bench, multisine_s=20.0)
+    measured = synthetic.brief(3, truth, bench, multisine_s=20.0)
     stretches, ticks = signals(measured, TICK_S, Use.IDENTIFY), measured.ticks
     sent_s = sent_at_s(ticks, int(ticks["tick_ns"][0]))
     told_nm = np.ascontiguousarray(ticks["load_torque_nm"])
-    load, delay_s = (LOAD_KGM2, 0.95, 1000.0), bench.serial_delay_s
-    calibrated = Coupling(1.33 * stiffness, 0.3 * stiffness, 0.0, 0.01, *load, delay_s, sent_s, told_nm)
+    off, load, delay_s = calibrated - 1.0, (LOAD_KGM2, 0.95, 1000.0), bench.serial_delay_s
+    spring = Coupling(calibrated * stiffness, off * stiffness, 0.0, 0.01, *load, delay_s, sent_s, told_nm)
     before = solution_of(stretches)
-    readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=calibrated)
+    readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=spring)
     quiet, _, after = without_ringing(readings, stretches, before)
     assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, abs=3.0 * quiet.coupling.stiffness_std_nm_rad)
     assert "oscillate on the torque sensor's spring" in remark_on(quiet, Truth().inertia)[0]
@@ -153,7 +162,7 @@ def test_parameters_biased_by_ringing_are_corrected():
     def worst_error(solution):
         """In deviations that the residual gives: they hold nothing of the spring's."""
         values, covariance = physical(solution)
-        return np.max(np.abs(values[:7] - Truth().array()) / np.sqrt(np.diag(covariance))[:7])
+        return np.max(np.abs(values[:7] - truth.array()) / np.sqrt(np.diag(covariance))[:7])
 
     assert worst_error(before) > 10.0
     assert worst_error(after) < 5.0
@@ -207,7 +216,7 @@ def test_the_prior_is_the_calibration_or_what_joints_have():
 
 
 def test_ringing_is_what_two_inertias_on_a_spring_do(result):
-    """Integrated exactly between the commands' steps, less what passes the port's low-pass."""
+    """Integrated exactly between the commands' steps, less what passes the port's low-pass; without friction."""
     bench, spring = result.simulated.bench, coupling(1300.0).damped(0.03, Truth().inertia)
     truth, inertia = bench.truths[0], abs(bench.solution.linear[1])
     fine_s = TICK_S / 32
@@ -232,8 +241,45 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     middle = (time_s > span_s[0] + 0.3) & (time_s < span_s[1] - 0.3)
     expected = (torque - slow)[middle]
     driving = bench.driving_within(span_s, truth, spring, np.zeros(stretch.sent_s.size))
+    slips = replace(driving.contact, stiffness_nm_rad=0.0, damping_nms_rad=0.0)
+    driving = replace(driving, friction=np.zeros_like(driving.friction), contact=slips)
     found = driving.ringing_at(time_s[middle], spring)
     assert np.std(found - expected) < 0.03 * np.std(expected)
+
+
+def test_a_friction_contact_holds_what_oscillates_after_a_turn():
+    """Dahl's law along a slow motion and a quick one, integrated by LSODA, less what it gives along the slow one alone:
+    once the shaft slides, after a turn, the contact no longer damps the oscillation."""
+    step_s, s_per_rad, rings, damping = 2.5e-4, 700.0, 2 * np.pi * 900.0, 2 * 0.01 * 2 * np.pi * 900.0
+    stiffness, contact_damping = 3e5, 900.0  # over the mass
+    time_s = np.arange(0.0, 0.4, step_s)
+    push = 1e-3 * np.random.default_rng(1).standard_normal(time_s.size)
+
+    def sliding(velocity, h):
+        return velocity * s_per_rad * (1.0 - h * np.sign(velocity))
+
+    def slow(t):
+        return 0.02 * 2 * np.pi * 5.0 * np.cos(2 * np.pi * 5.0 * t)
+
+    def rates(t, state):
+        place, speed, h, slow_h = state
+        with_quick, alone = sliding(slow(t) + speed, h), sliding(slow(t), slow_h)
+        held = (stiffness * (h - slow_h) + contact_damping * (with_quick - alone)) / s_per_rad
+        pushed = np.interp(t, time_s, push) - held
+        return speed, pushed - damping * speed - rings**2 * place, with_quick, alone
+
+    exact = integrate.solve_ivp(
+        rates, (0.0, time_s[-1]), np.zeros(4), "LSODA", time_s, rtol=1e-8, atol=1e-15, max_step=step_s / 4
+    ).y
+    sticking, slip = 1.0 - exact[3] * np.sign(slow(time_s)), s_per_rad * np.abs(slow(time_s))
+    across = across_step(rings**2, damping, step_s / SUBSTEPS)
+
+    def error(of_contact):
+        found = oscillator_with_contact(push, step_s, SUBSTEPS, across, *of_contact, sticking, slip)
+        return np.std(found[0] - exact[0]) / np.std(exact[0])
+
+    assert error((stiffness, contact_damping)) < 0.03
+    assert error((0.0, 0.0)) > 0.3
 
 
 def test_live_values_are_not_biased_by_ringing_either():
