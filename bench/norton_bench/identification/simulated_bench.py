@@ -39,8 +39,8 @@ PORT = Kernel(cutoff=0.45, half_width=24.0)
 HIGHEST_SHOWN = 0.25
 # No grid is finer by more than this: what held commands drive behind a lag falls with the square of the frequency.
 FINEST = 4
-# Of a step of an even grid: a contact that holds what oscillates is simulated in these, 16 a period at HIGHEST_SHOWN.
-SUBSTEPS = 4
+# Of a step of an even grid: a contact that holds what oscillates is simulated in these, 8 a period at HIGHEST_SHOWN.
+SUBSTEPS = 2
 # What readings tell of a motion without loss, and no more.
 SHAFT = Kernel(cutoff=0.22, half_width=16.0)
 # A kernel that takes off less than this passes all: what its ripple takes off slow motion would become a drift.
