@@ -320,43 +320,29 @@ def innovations(values: FloatArray, kept: FloatArray, gain: FloatArray, scale: F
 
 
 @njit(cache=True, nogil=True)
-def oscillator_with_contact(
-    driving: FloatArray,
-    step: float,
-    substeps: int,
-    across: FloatArray,
-    stiffness: float,
-    damping: float,
-    sticking: FloatArray,
-    slip: FloatArray,
-) -> FloatArray:
-    """Displacement and velocity (2, n) of an oscillator, driven by an acceleration (n,), that a Dahl contact holds.
+def oscillator_with_contact(driving: FloatArray, across: FloatArray, contact: FloatArray, substeps: int) -> FloatArray:
+    """Displacement and velocity (2, n) of an oscillator, driven by an acceleration (n,), that a friction contact holds.
 
-    ``across`` (2, 4) takes displacement, velocity and the acceleration at both ends across one of the ``substeps`` of a
-    step. The contact has this stiffness and damping over the oscillator's mass; of a quick motion it follows the share
-    ``sticking`` (n,), and it forgets its deflection at the rate ``slip`` (n,). What changes between two steps goes
-    straight. Half a substep of the contact's lies on either side of one of the oscillator's (Strang, SIAM Journal on
-    Numerical Analysis 5, 1968).
+    The acceleration is a line within a step, and ``across`` (2, 4) takes displacement, velocity and the acceleration at
+    both ends across one of the ``substeps`` of a step. ``contact`` (n - 1, 4) is what the contact does within half a
+    substep of each step: what is left of its deflection and what the velocity adds to it, what is left of the velocity
+    and what the deflection takes off it. One half lies before, one after the oscillator's own substep (Strang, SIAM
+    Journal on Numerical Analysis 5, 1968).
     """
     output = np.zeros((2, driving.size))
-    place, speed, deflection, half = 0.0, 0.0, 0.0, 0.5 * step / substeps
+    place, speed, deflection = 0.0, 0.0, 0.0
     for k in range(driving.size - 1):
+        left, added, kept, back = contact[k, 0], contact[k, 1], contact[k, 2], contact[k, 3]
+        rise = (driving[k + 1] - driving[k]) / substeps
         for part in range(substeps):
-            early, late = part / substeps, (part + 1) / substeps
-            a = driving[k] + early * (driving[k + 1] - driving[k])
-            b = driving[k] + late * (driving[k + 1] - driving[k])
-            follows = sticking[k] + 0.5 * (early + late) * (sticking[k + 1] - sticking[k])
-            forgets = slip[k] + 0.5 * (early + late) * (slip[k + 1] - slip[k])
-            retained, mean = _kept(half * forgets)
-            held = exp(-half * damping * follows)
-            back = half * (stiffness - damping * forgets)
-            deflection = deflection * retained + half * mean * follows * speed
-            speed = speed * held - back * deflection
+            a, b = driving[k] + part * rise, driving[k] + (part + 1) * rise
+            deflection = left * deflection + added * speed
+            speed = kept * speed - back * deflection
             moved = across[0, 0] * place + across[0, 1] * speed + across[0, 2] * a + across[0, 3] * b
             speed = across[1, 0] * place + across[1, 1] * speed + across[1, 2] * a + across[1, 3] * b
             place = moved
-            speed = (speed - back * deflection) * held
-            deflection = deflection * retained + half * mean * follows * speed
+            speed = kept * (speed - back * deflection)
+            deflection = left * deflection + added * speed
         output[0, k + 1], output[1, k + 1] = place, speed
     return output
 

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.linalg import expm
 from scipy.ndimage import map_coordinates, spline_filter1d
 
 from norton_bench.arrays import FloatArray
@@ -245,6 +244,16 @@ class Contact:
         slip_1_s = np.abs(velocity) * shape.s_per_rad
         return cls(sticking, slip_1_s, float(linear[COULOMB] * shape.s_per_rad), float(linear[DAMPING]))
 
+    def within(self, time_s: float, moved_kgm2: float) -> FloatArray:
+        """What it does to an oscillation in so short a time, in each step of its grid, as ``oscillator_with_contact``
+        takes it, (n - 1, 4). The contact's torque accelerates the oscillation as it would ``moved_kgm2``."""
+        sticking, slip = (0.5 * (values[1:] + values[:-1]) for values in (self.sticking, self.slip_1_s))
+        left = np.exp(-time_s * slip)
+        added = time_s * sticking * np.where(slip > 0.0, (1.0 - left) / np.maximum(time_s * slip, 1e-12), 1.0)
+        kept = np.exp(-time_s * self.damping_nms_rad / moved_kgm2 * sticking)
+        back = time_s * (self.stiffness_nm_rad - self.damping_nms_rad * slip) / moved_kgm2
+        return np.stack([left, added, kept, back], axis=1)
+
 
 @dataclass(frozen=True)
 class Driving:
@@ -258,6 +267,7 @@ class Driving:
     friction: Spectrum  # of the motor, against its motion
     inertia_kgm2: float
     contact: Contact
+    moved_kgm2: float  # what the contact's torque has to move to change the twist
 
     @classmethod
     def of(
@@ -274,8 +284,8 @@ class Driving:
             released=coupling.load_released_at_zero,
         )
         frequency_hz = np.asarray(np.fft.rfftfreq(at_s.size, step_s), dtype=np.float64)
-        # Grids hold means over their steps, which takes a sinc off high frequencies.
-        above = (1.0 - _passed(PORT, frequency_hz * truth.stretch.tick_s)) / np.sinc(frequency_hz * step_s)
+        # Grids hold means over their steps, and go straight from one to the next: three sincs off high frequencies.
+        above = (1.0 - _passed(PORT, frequency_hz * truth.stretch.tick_s)) / np.sinc(frequency_hz * step_s) ** 3
         motor, load, friction = (
             np.asarray(np.fft.rfft(torque_nm / inertia) * above)
             for torque_nm, inertia in (
@@ -284,7 +294,11 @@ class Driving:
                 (truth.at(at_s, _friction_nm(solution, truth.share, truth.finer_s)), inertia_kgm2),
             )
         )
-        return cls(at_s, frequency_hz, motor, load, friction, inertia_kgm2, Contact.of(truth, solution, at_s))
+        contact, moved_kgm2 = (
+            Contact.of(truth, solution, at_s),
+            inertia_kgm2**2 * coupling.mobility_1_kgm2(inertia_kgm2),
+        )
+        return cls(at_s, frequency_hz, motor, load, friction, inertia_kgm2, contact, moved_kgm2)
 
     def blurred(self, uneven_s: float) -> "Driving":
         """On average over commands that travel so unevenly."""
@@ -312,34 +326,33 @@ class Driving:
 
     def _torque_nm(self, push: Spectrum, coupling: Coupling) -> FloatArray:
         """The spring's, on the grid, (n,)."""
-        step_s = float(self.at_s[1] - self.at_s[0])
-        # Between the instants of a grid lie straight lines, which takes the square of a sinc off high frequencies.
-        driving = np.fft.irfft(push / np.sinc(self.frequency_hz * step_s) ** 2, self.at_s.size)
-        mobility, contact = coupling.mobility_1_kgm2(self.inertia_kgm2), self.contact
+        mobility, substep_s = coupling.mobility_1_kgm2(self.inertia_kgm2), float(self.at_s[1] - self.at_s[0]) / SUBSTEPS
         damping = max(coupling.damping_nms_rad, least_damping_nms_rad(coupling.stiffness_nm_rad, mobility))
-        # Of a twist the motor's end moves this share.
-        own = 1.0 / (self.inertia_kgm2 * mobility)
         place, speed = loops.oscillator_with_contact(
-            np.asarray(driving, dtype=np.float64),
-            step_s,
+            np.asarray(np.fft.irfft(push, self.at_s.size), dtype=np.float64),
+            across_step(mobility * coupling.stiffness_nm_rad, mobility * damping, substep_s),
+            self._of_contact,
             SUBSTEPS,
-            across_step(mobility * coupling.stiffness_nm_rad, mobility * damping, step_s / SUBSTEPS),
-            own * contact.stiffness_nm_rad / self.inertia_kgm2,
-            own * contact.damping_nms_rad / self.inertia_kgm2,
-            contact.sticking,
-            contact.slip_1_s,
         )
         return np.asarray(coupling.stiffness_nm_rad * place + damping * speed)
+
+    @cached_property  # of every spring
+    def _of_contact(self) -> FloatArray:
+        return self.contact.within(0.5 * float(self.at_s[1] - self.at_s[0]) / SUBSTEPS, self.moved_kgm2)
 
 
 def across_step(stiffness: float, damping: float, step_s: float) -> FloatArray:
     """What an oscillator of this stiffness and damping over its mass does within a step: (2, 4), from displacement,
     velocity, and the acceleration that drives it at the step's begin and end, with a straight line between."""
-    flow = np.zeros((4, 4))
-    flow[0, 1], flow[1, :3] = 1.0, (-stiffness, -damping, 1.0)
-    flow[2, 3] = 1.0 / step_s
-    over = expm(flow * step_s)[:2]
-    return np.column_stack([over[:, :2], over[:, 2] - over[:, 3], over[:, 3]])
+    half = 0.5 * damping
+    turns = np.sqrt(complex(stiffness - half**2))
+    sine = (np.sin(turns * step_s) / turns).real if abs(turns) > 0.0 else step_s
+    cosine = np.cos(turns * step_s).real
+    flow = np.exp(-half * step_s) * np.array([[cosine + half * sine, sine], [-stiffness * sine, cosine - half * sine]])
+    rise = np.array([-1.0, 1.0]) / step_s
+    along = np.array([-damping * rise / stiffness**2, rise / stiffness])  # of what follows the line, without its place
+    begin, end = (along + np.array([at, [0.0, 0.0]]) / stiffness for at in ([1.0, 0.0], [0.0, 1.0]))
+    return np.concatenate([flow, end - flow @ begin], axis=1)
 
 
 def even_grid(begin_s: float, end_s: float, tick_s: float, highest_hz: float) -> FloatArray:

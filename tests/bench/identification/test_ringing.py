@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import integrate, signal
+from scipy import integrate, linalg, signal
 
 from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling, Prior
@@ -18,7 +18,7 @@ from norton_bench.identification.motor_values import physical
 from norton_bench.identification.ringing import Ringing, remark_on, without_ringing
 from norton_bench.identification.separable import solve_again
 from norton_bench.identification.signals import FINE, sent_at_s, signals
-from norton_bench.identification.simulated_bench import FINEST, PORT, SUBSTEPS, across_step, even_grid
+from norton_bench.identification.simulated_bench import FINEST, PORT, SUBSTEPS, Contact, across_step, even_grid
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.live.phases import feed
@@ -247,6 +247,17 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     assert np.std(found - expected) < 0.03 * np.std(expected)
 
 
+@pytest.mark.parametrize("ratio", [0.01, 0.5, 1.0, 1.5])
+def test_an_oscillator_is_taken_exactly_across_a_step(ratio):
+    """As the exponential of its matrix does, the acceleration a line in time."""
+    rings, step_s = 2 * np.pi * 900.0, 1.25e-4
+    flow = np.zeros((4, 4))
+    flow[0, 1], flow[1, :3], flow[2, 3] = 1.0, (-(rings**2), -2 * ratio * rings, 1.0), 1.0 / step_s
+    over = linalg.expm(flow * step_s)[:2]
+    exact = np.column_stack([over[:, :2], over[:, 2] - over[:, 3], over[:, 3]])
+    np.testing.assert_allclose(across_step(rings**2, 2 * ratio * rings, step_s), exact, rtol=1e-9)
+
+
 def test_a_friction_contact_holds_what_oscillates_after_a_turn():
     """Dahl's law along a slow motion and a quick one, integrated by LSODA, less what it gives along the slow one alone:
     once the shaft slides, after a turn, the contact no longer damps the oscillation."""
@@ -275,7 +286,8 @@ def test_a_friction_contact_holds_what_oscillates_after_a_turn():
     across = across_step(rings**2, damping, step_s / SUBSTEPS)
 
     def error(of_contact):
-        found = oscillator_with_contact(push, step_s, SUBSTEPS, across, *of_contact, sticking, slip)
+        contact = Contact(sticking, slip, *of_contact).within(0.5 * step_s / SUBSTEPS, 1.0)
+        found = oscillator_with_contact(push, across, contact, SUBSTEPS)
         return np.std(found[0] - exact[0]) / np.std(exact[0])
 
     assert error((stiffness, contact_damping)) < 0.03
