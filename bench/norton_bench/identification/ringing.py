@@ -17,7 +17,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.identification.bootstrap import Readings, Simulation
-from norton_bench.identification.coupling import UNKNOWNS, Coupling, Prior
+from norton_bench.identification.coupling import DAMPING_RATIO, UNKNOWNS, Coupling, Prior
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import nominal_period_s
 from norton_bench.identification.regression import Regression
@@ -37,7 +37,7 @@ EDGE_S = 0.05
 # How far the stiffness is scanned, in deviations of the calibration's.
 SCANNED = 2.5
 # The scan's step, relative, of the resonance, and its damping ratio: so that no resonance lies between two steps.
-SCAN_STEP, SCAN_DAMPING = 0.06, 0.06
+SCAN_STEP = SCAN_DAMPING = DAMPING_RATIO
 # From so many of the best places of the scan a search begins, of at most so many steps.
 MOST_STARTS, MOST_STEPS = 3, 20
 # The first fit is biased by the ringing, and with it the estimate of the ringing; the later ones are not.
