@@ -5,7 +5,7 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from norton_bench.arrays import FloatArray, IntArray
+from norton_bench.arrays import ComplexArray, FloatArray, IntArray
 
 # A sum that may be taken in any order takes several terms at a time; NaN and infinity stay what they are.
 SUM_IN_ANY_ORDER = {"reassoc", "contract"}
@@ -316,6 +316,16 @@ def innovations(values: FloatArray, kept: FloatArray, gain: FloatArray, scale: F
             error = values[row, k] - predicted
             output[row, k] = error * scale[k]
             state[row] = predicted + gain[k] * error
+    return output
+
+
+@njit(cache=True, nogil=True)
+def delayed(spectrum: ComplexArray, turn_rad: float) -> ComplexArray:
+    """A spectrum (n,) of a signal that comes later, by this angle more at each frequency than at the one before."""
+    output, turn, turned = np.empty_like(spectrum), np.exp(-1j * turn_rad), 1.0 + 0.0j
+    for k in range(spectrum.size):
+        output[k] = spectrum[k] * turned
+        turned *= turn
     return output
 
 

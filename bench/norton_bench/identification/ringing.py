@@ -209,7 +209,7 @@ def _less(measured: Measured, ringing_nm: FloatArray) -> Measured:
 def fitted_springs(simulation: Simulation, coupling: Coupling, before: Sequence[Coupling] = ()) -> tuple[Coupling, ...]:
     """Local maxima of the likelihood, the greatest first, each with its covariance; none where nothing rings.
 
-    The search begins at those found ``before``, or else at all stiffnesses that the calibration, ``coupling``, allows.
+    Two whose stiffnesses are closer than the scan's step are one. The search begins at those found ``before``, or else at all stiffnesses that the calibration, ``coupling``, allows.
     Several springs can have one aliased frequency; which of them it is becomes clear once the fit is unbiased.
     """
     spans = tuple(_spans(simulation, coupling))
@@ -226,7 +226,11 @@ def fitted_springs(simulation: Simulation, coupling: Coupling, before: Sequence[
     # The first fit is too much biased for its motor's amplitude to be judged.
     if found[0].gain < likelihood.least_gain or (before and prior.implausible(found[0].spring)):
         return ()
-    return tuple(_with_deviations(each, prior) for each in found[:MOST_STARTS])
+    distinct = [found[0]]
+    for each in found[1:]:
+        if all(abs(prior.off(each.spring)[0] - prior.off(one.spring)[0]) > SCAN_STEP for one in distinct):
+            distinct.append(each)
+    return tuple(_with_deviations(each, prior) for each in distinct[:MOST_STARTS])
 
 
 def _with_deviations(found: SpringFit, prior: Prior) -> Coupling:
@@ -289,19 +293,13 @@ def _starting_springs(likelihood: Likelihood, prior: Prior) -> list[Coupling]:
 def _with_best_phases(likelihood: Likelihood, spring: Coupling, inertia_kgm2: float) -> tuple[Coupling, float]:
     """The same spring with the best amplitude and phase of either motor, by linear least squares, and its gain."""
 
-    def motor(driving: Driving) -> Spectrum:
-        return driving.motor
-
-    def load(driving: Driving) -> Spectrum:
-        return -driving.load
-
-    def a_quarter_period_later(part: Callable[[Driving], Spectrum]) -> Callable[[Driving], Spectrum]:
-        return lambda driving: -1j * part(driving)
-
-    columns = [
-        likelihood.projected(spring, each) for part in (motor, load) for each in (part, a_quarter_period_later(part))
-    ]
-    matrix = np.stack(columns, axis=1)
+    pushes: tuple[Callable[[Driving], Spectrum], ...] = (
+        lambda driving: driving.motor,
+        lambda driving: -1j * driving.motor,  # a quarter of a period later
+        lambda driving: -driving.load,
+        lambda driving: 1j * driving.load,
+    )
+    matrix = np.stack([likelihood.projected(spring, each) for each in pushes], axis=1)
     left = likelihood.left + likelihood.projected(spring, lambda driving: driving.friction)
     amplitudes = np.linalg.lstsq(matrix, left, rcond=None)[0]
     gain = likelihood.gain(left - matrix @ amplitudes)

@@ -307,9 +307,9 @@ class Driving:
 
     def push(self, coupling: Coupling) -> Spectrum:
         """Of what drives the two ends of the spring apart."""
-        turn = -2j * np.pi * self.frequency_hz
-        driving = coupling.motor_amplitude * np.exp(turn * coupling.motor_extra_delay_s) * self.motor
-        driving -= coupling.load_amplitude * np.exp(turn * coupling.load_extra_delay_s) * self.load
+        turn_rad_s = 2 * np.pi * float(self.frequency_hz[1])
+        driving = coupling.motor_amplitude * loops.delayed(self.motor, turn_rad_s * coupling.motor_extra_delay_s)
+        driving -= coupling.load_amplitude * loops.delayed(self.load, turn_rad_s * coupling.load_extra_delay_s)
         return np.asarray(driving - self.friction)
 
     def ringing_at(self, time_s: FloatArray, coupling: Coupling) -> FloatArray:
