@@ -209,8 +209,9 @@ def _less(measured: Measured, ringing_nm: FloatArray) -> Measured:
 def fitted_springs(simulation: Simulation, coupling: Coupling, before: Sequence[Coupling] = ()) -> tuple[Coupling, ...]:
     """Local maxima of the likelihood, the greatest first, each with its covariance; none where nothing rings.
 
-    Two whose stiffnesses are closer than the scan's step are one. The search begins at those found ``before``, or else at all stiffnesses that the calibration, ``coupling``, allows.
-    Several springs can have one aliased frequency; which of them it is becomes clear once the fit is unbiased.
+    Two whose stiffnesses are closer than the scan's step are one. The search begins at those found ``before``, or else
+    at all stiffnesses that the calibration, ``coupling``, allows. Several springs can have one aliased frequency; which
+    of them it is becomes clear once the fit is unbiased.
     """
     spans = tuple(_spans(simulation, coupling))
     if not spans:
@@ -292,7 +293,6 @@ def _starting_springs(likelihood: Likelihood, prior: Prior) -> list[Coupling]:
 
 def _with_best_phases(likelihood: Likelihood, spring: Coupling, inertia_kgm2: float) -> tuple[Coupling, float]:
     """The same spring with the best amplitude and phase of either motor, by linear least squares, and its gain."""
-
     pushes: tuple[Callable[[Driving], Spectrum], ...] = (
         lambda driving: driving.motor,
         lambda driving: -1j * driving.motor,  # a quarter of a period later
