@@ -10,8 +10,8 @@ counts.
     python benchmarks/wide_family.py [--seeds 401-520] [--quick] [--json] [--keep DIR] [--again DIR] [--jobs 2]
 
 A session takes about a minute of processor time. ``--keep`` leaves the recordings in a folder; ``--again`` evaluates
-such a folder once more without repeating the sessions. Seeds up to 400, and from 1001 on, were used in development:
-figures are published from others.
+such a folder once more without repeating the sessions. Seeds up to 400, and from 1001 to 5000, were used in
+development: figures are published from others.
 """
 
 import argparse
