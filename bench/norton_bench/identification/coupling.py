@@ -97,12 +97,16 @@ class Coupling:
         mobility = self.mobility_1_kgm2(inertia_kgm2)
         return replace(self, damping_nms_rad=2 * ratio * sqrt(self.stiffness_nm_rad / mobility))
 
+    def least_damped_nms_rad(self, inertia_kgm2: float) -> float:
+        """Its damping, or the least of a joint where that is more."""
+        least = least_damping_nms_rad(self.stiffness_nm_rad, self.mobility_1_kgm2(inertia_kgm2))
+        return max(self.damping_nms_rad, least)
+
     def response(self, frequency_hz: FloatArray, inertia_kgm2: float) -> npt.NDArray[np.complex128]:
         """Torque of the spring over the difference of the accelerations that drive its ends [N m s²/rad], (n,)."""
         mobility = self.mobility_1_kgm2(inertia_kgm2)
         s = 2j * np.pi * frequency_hz
-        damping = max(self.damping_nms_rad, least_damping_nms_rad(self.stiffness_nm_rad, mobility))
-        spring = self.stiffness_nm_rad + damping * s
+        spring = self.stiffness_nm_rad + self.least_damped_nms_rad(inertia_kgm2) * s
         return np.asarray(spring / (s**2 + mobility * spring))
 
 

@@ -13,10 +13,11 @@ import numpy.typing as npt
 from scipy.fft import next_fast_len
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import map_coordinates, spline_filter1d
+from scipy.special import exprel
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.coupling import Coupling, least_damping_nms_rad
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
@@ -249,7 +250,7 @@ class Contact:
         takes it, (n - 1, 4). The contact's torque accelerates the oscillation as it would ``moved_kgm2``."""
         sticking, slip = (0.5 * (values[1:] + values[:-1]) for values in (self.sticking, self.slip_1_s))
         left = np.exp(-time_s * slip)
-        added = time_s * sticking * np.where(slip > 0.0, (1.0 - left) / np.maximum(time_s * slip, 1e-12), 1.0)
+        added = time_s * sticking * exprel(-time_s * slip)
         kept = np.exp(-time_s * self.damping_nms_rad / moved_kgm2 * sticking)
         back = time_s * (self.stiffness_nm_rad - self.damping_nms_rad * slip) / moved_kgm2
         return np.stack([left, added, kept, back], axis=1)
@@ -327,7 +328,7 @@ class Driving:
     def _torque_nm(self, push: Spectrum, coupling: Coupling) -> FloatArray:
         """The spring's, on the grid, (n,)."""
         mobility, substep_s = coupling.mobility_1_kgm2(self.inertia_kgm2), float(self.at_s[1] - self.at_s[0]) / SUBSTEPS
-        damping = max(coupling.damping_nms_rad, least_damping_nms_rad(coupling.stiffness_nm_rad, mobility))
+        damping = coupling.least_damped_nms_rad(self.inertia_kgm2)
         place, speed = loops.oscillator_with_contact(
             np.asarray(np.fft.irfft(push, self.at_s.size), dtype=np.float64),
             across_step(mobility * coupling.stiffness_nm_rad, mobility * damping, substep_s),
