@@ -380,21 +380,33 @@ class Sums:
         part = expansion.part[order[edges[:-1]]]
         return cls(gram, score, power, part, scale, expansion.residual.size)
 
+    @cached_property
+    def _by_part(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """``gram``, ``score`` and ``power`` summed over the blocks of each segment, (parts, …)."""
+        parts = [self.part == part for part in range(int(self.part.max()) + 1)]
+        gram, score, power = (
+            np.stack([np.sum(sums[part], axis=0) for part in parts]) for sums in (self.gram, self.score, self.power)
+        )
+        return gram, score, power
+
+    @cached_property
+    def _whole(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        gram, score, power = (np.sum(sums, axis=0) for sums in self._by_part)
+        return gram, score, power
+
     def solved(self, chosen: IntArray, without: int | None = None) -> FloatArray:
         """Least squares of the residual by ``chosen`` columns, of all blocks but those of a segment; scaled."""
-        retained = np.ones(self.part.size, dtype=bool) if without is None else self.part != without
-        gram = self.gram[retained].sum(axis=0)[np.ix_(chosen, chosen)]
-        return np.asarray(np.linalg.lstsq(gram, self.score[retained].sum(axis=0)[chosen], rcond=1e-12)[0])
+        gram, score, _ = self._whole
+        if without is not None:
+            gram, score = gram - self._by_part[0][without], score - self._by_part[1][without]
+        return np.asarray(np.linalg.lstsq(gram[np.ix_(chosen, chosen)], score[chosen], rcond=1e-12)[0])
 
-    def left(self, chosen: IntArray, values: FloatArray, within: npt.NDArray[np.bool_]) -> float:
-        """The sum of squares that ``values`` of ``chosen`` columns leave of the residual in some blocks."""
-        gram = self.gram[within].sum(axis=0)[np.ix_(chosen, chosen)]
-        score = self.score[within].sum(axis=0)[chosen]
-        return float(self.power[within].sum() - 2 * values @ score + values @ gram @ values)
+    def left(self, chosen: IntArray, values: FloatArray, part: int | None = None) -> float:
+        """The sum of squares that ``values`` of ``chosen`` columns leave of the residual, in all or in one segment."""
+        gram, score, power = self._whole if part is None else (sums[part] for sums in self._by_part)
+        return float(power - 2 * values @ score[chosen] + values @ gram[np.ix_(chosen, chosen)] @ values)
 
     def held_out(self, chosen: IntArray) -> float:
         """The mean square left, each segment predicted by what all others tell."""
-        total = sum(
-            self.left(chosen, self.solved(chosen, int(part)), self.part == part) for part in np.unique(self.part)
-        )
-        return float(total) / self.count
+        parts = range(len(self._by_part[0]))
+        return sum(self.left(chosen, self.solved(chosen, part), part) for part in parts) / self.count

@@ -120,8 +120,8 @@ def _predicting(best: JudgedFit, measured: Measured) -> JudgedFit:
     """With how far its predictions are off."""
     if best.error is None or best.at is None:
         return best
-    stretches, standing_nm = (*best.stretches, *best.unseen), best.error.zero.standing_nm
-    prediction = prediction_error(best.fitted, best.at, standing_nm, stretches, measured)
+    standing_nm = best.error.zero.standing_nm
+    prediction = prediction_error(best.fitted, best.at, standing_nm, best.stretches, best.unseen, measured)
     return replace(best, error=replace(best.error, prediction=prediction))
 
 

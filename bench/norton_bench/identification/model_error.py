@@ -23,11 +23,12 @@ from norton_bench.identification.departures import (
 from norton_bench.identification.expansion import Expansion, Linearised, Sums
 from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.motor_values import PHYSICAL
-from norton_bench.identification.prediction_error import mean_squares
+from norton_bench.identification.prediction_error import mean_squares, of_simulated
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing
-from norton_bench.identification.signals import Signals, signals, validation_stretches
+from norton_bench.identification.signals import Signals
 from norton_bench.identification.simulated_bench import inertia_of
+from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
@@ -87,11 +88,14 @@ TWICE = 2.0
 
 @dataclass(frozen=True)
 class Zero:
-    """The torque sensor's zero [N m] in the fit, and as it was read at rest before anything moved."""
+    """The torque sensor's zero [N m] when it was read at rest before anything moved, in the fit and as it was read.
+
+    The fit's goes on as evenly as it drifts over the session. ``std_nm`` is that of the difference.
+    """
 
     fitted_nm: float
     tare_nm: float = NAN
-    tare_std_nm: float = NAN
+    std_nm: float = NAN
 
     @property
     def moved_nm(self) -> float:
@@ -100,8 +104,9 @@ class Zero:
 
     @property
     def standing_nm(self) -> float:
-        """What of the fitted zero is no zero: a torque that stands there whenever the shaft moves."""
-        return 0.0 if np.isnan(self.moved_nm) else self.moved_nm
+        """What of the fitted zero is no zero: a torque that stands there whenever the shaft moves. None where chance
+        may have made it."""
+        return self.moved_nm if abs(self.moved_nm) > NORMAL_95 * self.std_nm else 0.0
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,7 @@ def expanded(result: FitResult, fitted: Sequence[Signals], unseen: Sequence[Sign
 def model_error(result: FitResult, at: Expansion, unseen: Sequence[Signals], measured: Measured) -> ModelError:
     """Of a fit expanded ``at`` its own values."""
     found, usual = _named(result, at, unseen)
-    zero = _zero(at, measured)
+    zero = _zero(result, at, measured)
     squares, noise_nm2 = mean_squares(at, zero.standing_nm)
     beyond = max(float(np.mean(squares)) - noise_nm2, 0.0)
     left = found[-1].left_nm ** 2 if found else _without_cogging(at)
@@ -188,9 +193,8 @@ def _named(result: FitResult, at: Expansion, unseen: Sequence[Signals]) -> tuple
 def _usual(result: FitResult, simulation: Simulation) -> _Usual:
     """From the records that were simulated with the fit for the truth. What they show of an error is known to its own
     size, as a bias is: it may be twice that."""
-    tick_s, share, left_nm2 = simulation.readings.tick_s, 0.0, 0.0
-    for record in simulation.records():
-        at = Expansion.of(result, signals(record, tick_s, Use.IDENTIFY), validation_stretches(record, tick_s))
+    share, left_nm2 = 0.0, 0.0
+    for _, at in of_simulated(result, simulation):
         share, left_nm2 = max(share, greatest_share(at)), max(left_nm2, _without_cogging(at))
     return _Usual(TWICE**2 * share, left_nm2)
 
@@ -311,7 +315,7 @@ def _without_cogging(at: Expansion) -> float:
     """The mean square that the fit's own equation leaves."""
     sums = Sums.of(at, at.jacobian)
     every = np.arange(len(at.jacobian))
-    return sums.left(every, sums.solved(every), np.ones(sums.part.size, dtype=bool)) / sums.count
+    return sums.left(every, sums.solved(every)) / sums.count
 
 
 def _spread(at: Expansion) -> FloatArray:
@@ -323,14 +327,16 @@ def _spread(at: Expansion) -> FloatArray:
     return np.asarray(np.sqrt((parts.size - 1) * np.var(shifts, axis=0)))
 
 
-def _zero(at: Expansion, measured: Measured) -> Zero:
-    """As fitted where the fitted part begins, and as read in the tare."""
-    fitted_nm = float(at.zero.value_nm[0])
+def _zero(result: FitResult, at: Expansion, measured: Measured) -> Zero:
+    zero = at.zero if result.torque_zero is None else result.torque_zero
     rests = [each for each in measured.segments if each.use is Use.TARE and each.name == "rest"]
     if not rests:
-        return Zero(fitted_nm)
+        return Zero(float(zero.value_nm[0]))
+    rest_s = 1e-9 * (0.5 * (rests[0].start_ns + rests[0].end_ns) - float(measured.ticks["tick_ns"][0]))
+    fitted_nm, fitted_std_nm = zero.before(rest_s)
     torque = measured.between(rests[0].start_ns, rests[0].end_ns).torque
     values = np.asarray(torque["torque_nm"][torque["valid"]], dtype=np.float64)
     if values.size < 2:
         return Zero(fitted_nm)
-    return Zero(fitted_nm, float(np.mean(values)), float(np.std(values) / np.sqrt(values.size)))
+    std_nm = float(np.hypot(np.std(values) / np.sqrt(values.size), fitted_std_nm))
+    return Zero(fitted_nm, float(np.mean(values)), std_nm)

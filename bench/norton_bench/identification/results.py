@@ -139,6 +139,17 @@ class SensorZero:
         """At instants (n,) [N m]."""
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, self.value_nm))
 
+    def before(self, time_s: float) -> tuple[float, float]:
+        """At an instant before the first knot, going on as evenly as it drifts between its ends, and the deviation of
+        that [N m]."""
+        weights = np.zeros(self.time_s.size)
+        weights[0] = 1.0
+        if self.time_s.size > 1:
+            share = (float(self.time_s[0]) - time_s) / float(self.time_s[-1] - self.time_s[0])
+            weights[[0, -1]] += share, -share
+        variance = weights @ self.covariance_nm2 @ weights if self.covariance_nm2.size else 0.0
+        return float(weights @ self.value_nm), float(np.sqrt(max(variance, 0.0)))
+
     def moved(self, by_nm: float) -> "SensorZero":
         """The same line, higher by so much."""
         return replace(self, value_nm=self.value_nm + by_nm)

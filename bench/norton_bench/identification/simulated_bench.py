@@ -52,11 +52,14 @@ NO_RESTS = np.empty(0, dtype=np.int64)
 class ReadingErrors:
     """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
     instants at which they are taken scatter.
+
+    ``noise_known_to`` is the standard error of the noise's variance over that variance.
     """
 
     noise: float
     step: float
     jitter_s: float
+    noise_known_to: float = 0.0
 
     @classmethod
     def of(cls, stream: TimeSeries, step: float) -> "ReadingErrors":
@@ -70,8 +73,9 @@ class ReadingErrors:
         # The median passes over shocks; for normal errors it is this much of the mean.
         power = np.median(blocks, axis=1) / NORMAL_MEDIAN_SQUARE
         speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
-        constant, slope = _line(speed, power)
-        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)))
+        constant, slope, known_to = _line(speed, power)
+        variance = max(constant - step**2 / 12, 0.0)
+        return cls(float(np.sqrt(variance)), step, float(np.sqrt(slope)), known_to / variance if variance else 0.0)
 
     def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
         """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
@@ -86,18 +90,22 @@ class ReadingErrors:
 NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
 
 
-def _line(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each."""
-    constant, slope = float(np.median(y)), 0.0
+def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
+    """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each; and the
+    standard error of the intercept."""
+    constant, slope, mean_x, spread = float(np.median(y)), 0.0, 0.0, 0.0
     for _ in range(10):
         weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
-        mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
+        mean_x, mean_y = float(np.average(x, weights=weight)), float(np.average(y, weights=weight))
         spread = float(np.average((x - mean_x) ** 2, weights=weight))
         slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
         constant = mean_y - slope * mean_x
         if constant < 0.0:
             constant, slope = 0.0, float(np.average(y, weights=weight) / mean_x)
-    return constant, slope
+    weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
+    left = float(np.average((y - constant - slope * x) ** 2, weights=weight))
+    lever = 1.0 + (mean_x**2 / spread if slope > 0.0 and spread > 0.0 else 0.0)
+    return constant, slope, float(np.sqrt(left * lever / x.size))
 
 
 @dataclass(frozen=True)

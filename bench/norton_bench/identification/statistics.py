@@ -246,6 +246,18 @@ def between_variance(values: FloatArray, variances: FloatArray) -> float:
     return least(doubt, LEAST_SPREAD, GREATEST_SPREAD, NODES) ** 2 * reach**2
 
 
+def shrunk(values: FloatArray, variances: FloatArray) -> FloatArray:
+    """What each of ``values`` (n,) is in truth, were they measured with ``variances`` (n,): empirical Bayes.
+
+    Each is brought nearer to the mean by the share that chance has in how much they differ; all are the mean where they
+    differ by no more than chance (Efron and Morris 1975, J. Am. Stat. Assoc. 70:311).
+    """
+    between = between_variance(values, variances)
+    weights = 1.0 / (variances + between)
+    mean = float(weights @ values / weights.sum())
+    return np.asarray(mean + between * weights * (values - mean))
+
+
 def least(doubt: Callable[[FloatArray], FloatArray], low: float, high: float, trials: int) -> float:
     """The positive value with the least doubt: the best of a geometric scan, then refined; 0 if zero is no worse.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import LOW_BAND, linear_solution
 from norton_bench.identification.shape import INERTIA, Shape
 from norton_bench.identification.signals import Signals, signals
+from norton_bench.models.network import NortonNetwork
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
 
@@ -101,16 +103,59 @@ def _torque(result: FitResult, stretches: tuple[Signals, ...], zero: SensorZero)
 
 
 @dataclass(frozen=True)
-class FreeRun:
-    """One segment of free motion: time, velocity as measured and as predicted, all (n,).
+class FreeMotion:
+    """One segment of free motion and MEMORY_S before it, to be predicted: arrays of shape (ticks,).
 
-    ``noise_rad2_s2`` is the mean square that the noise of both readings, torque and position, leaves between them.
+    ``port_nm`` is the torque measured at the port, ``deviation_nm`` that of its noise, a tick; ``band`` (taps,) is the
+    low-pass that both velocities pass. Compared are the samples at ``compared_s`` (n,), by time that begins with
+    ``time_s``, at which the motion follows what was sent.
     """
 
+    tick_s: float
+    time_s: FloatArray
+    compared_s: FloatArray
+    command: FloatArray
+    port_nm: FloatArray
+    deviation_nm: float
+    position_rad: float  # as it begins
+    velocity_rad_s: float
+    band: FloatArray
+
+    def predicted(self, network: NortonNetwork, port_error_nm: FloatArray | float = 0.0) -> FloatArray:
+        """The velocity (n,) [rad/s] by a network, were the torque at the port another by ``port_error_nm`` (ticks,)."""
+        velocity = network.free_motion(
+            self.command,
+            self.tick_s,
+            port_torque_nm=self.port_nm + port_error_nm,
+            position_rad=self.position_rad,
+            velocity_rad_s=self.velocity_rad_s,
+            motor_torque_nm=network.torque_gain * self.command[0],
+            friction_torque_nm=network.coulomb_torque_nm * float(np.sign(self.velocity_rad_s)),
+        )[1]
+        return np.asarray(np.interp(self.compared_s, self.time_s, np.convolve(velocity, self.band, "same")))
+
+
+@dataclass(frozen=True)
+class FreeRun:
+    """One segment of free motion: time, velocity as measured and as predicted by ``network``, all (n,)."""
+
+    segment: int
+    motion: FreeMotion
+    network: NortonNetwork
     time_s: FloatArray
     measured: FloatArray
     predicted: FloatArray
-    noise_rad2_s2: float
+    position_noise_rad2_s2: float
+
+    @cached_property
+    def noise_rad2_s2(self) -> float:
+        """The mean square that the noise of both readings, torque and position, leaves between both velocities."""
+        motion, random = self.motion, np.random.default_rng(0)
+        if motion.deviation_nm == 0.0:
+            return self.position_noise_rad2_s2
+        draws_nm = random.normal(0.0, motion.deviation_nm, (NOISE_DRAWS, motion.time_s.size))
+        others = np.stack([motion.predicted(self.network, draw_nm) for draw_nm in draws_nm])
+        return float(np.mean((others - self.predicted) ** 2)) + self.position_noise_rad2_s2
 
 
 def free_runs(
@@ -156,30 +201,28 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
     rows = Rows(stretch, LOW_BAND)
     shape = Shape(1.0, 1.0, 0.0, result.motion_delay_s)
     measured, place = rows.kinematics(shape)[0], rows.position(shape)[0]
-    start = float(measured[first])
-    taps = LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0)
+    motion = FreeMotion(
+        tick_s=tick_s,
+        time_s=time_s - shift_s,
+        compared_s=time_s[inside - first],
+        command=stretch.command[index],
+        port_nm=_port_torque(result, stretch, time_s - shift_s + 0.5 * tick_s, zero),
+        deviation_nm=_torque_deviation(result, stretch),
+        position_rad=float(place[first]),
+        velocity_rad_s=float(measured[first]),
+        band=LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0),
+    )
+    predicted = motion.predicted(network)
+    return FreeRun(
+        segment.index, motion, network, motion.compared_s, measured[inside], predicted, float(rows.noise()[2])
+    )
 
-    def predicted(port_nm: FloatArray) -> FloatArray:
-        velocity = network.free_motion(
-            stretch.command[index],
-            tick_s,
-            port_torque_nm=port_nm,
-            position_rad=float(place[first]),
-            velocity_rad_s=start,
-            motor_torque_nm=network.torque_gain * stretch.command[index[0]],
-            friction_torque_nm=network.coulomb_torque_nm * float(np.sign(start)),
-        )[1]
-        smooth = np.convolve(velocity, taps, "same")
-        return np.asarray(np.interp(time_s[inside - first], time_s - shift_s, smooth))
 
-    port_nm = _port_torque(result, stretch, time_s - shift_s + 0.5 * tick_s, zero)
-    exact = predicted(port_nm)
-    deviation_nm = 0.0 if stretch.torque_nm is None else float(np.sqrt(stretch.torque_noise / tick_s))
-    draws = np.random.default_rng(0).normal(0.0, deviation_nm, (NOISE_DRAWS, time_s.size))
-    noise = 0.0
-    if deviation_nm > 0.0 and not result.ratios_only:
-        noise = float(np.mean([(predicted(port_nm + draw) - exact) ** 2 for draw in draws]))
-    return FreeRun(time_s[inside - first], measured[inside], exact, noise + float(rows.noise()[2]))
+def _torque_deviation(result: FitResult, stretch: Signals) -> float:
+    """Of white noise, a sample a tick; none where the torque is not looked at."""
+    if stretch.torque_nm is None or result.ratios_only:
+        return 0.0
+    return float(np.sqrt(stretch.torque_noise / stretch.tick_s))
 
 
 def _port_torque(result: FitResult, stretch: Signals, time_s: FloatArray, zero: SensorZero) -> FloatArray:

@@ -7,7 +7,8 @@ from math import inf
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.models.network import PARAMETER_OF_FIELD, REQUIRED, NortonNetwork
+from norton_bench.models.network import PARAMETER_OF_FIELD, REQUIRED, NortonNetwork, impossible
+from norton_bench.models.parameters import BY_NAME
 from norton_bench.models.sliding import command_for
 
 # Half of them mirror the others, so that the interval of a linear figure lies evenly about its value. The share of
@@ -94,6 +95,21 @@ def drawn_values(network: NortonNetwork, seed: int) -> FloatArray:
     mean = np.array([values[name] for name in network.covariance_names])
     normal = np.random.default_rng(seed).standard_normal((DRAWS, mean.size))
     return np.asarray(mean + normal @ _root(np.asarray(network.covariance)).T)
+
+
+def possible(names: Sequence[str], values: Sequence[float]) -> bool:
+    """Whether a machine may have these values of parameters with these names."""
+    return not any(name in BY_NAME and impossible(name, value) for name, value in zip(names, values, strict=True))
+
+
+def drawn_networks(network: NortonNetwork, count: int, seed: int) -> tuple[NortonNetwork, ...]:
+    """As many networks as ``count`` or fewer, whose values go together as the covariance has them; none where there is
+    none. What no machine has is left out."""
+    names = network.covariance_names
+    if not has_covariance(network):
+        return ()
+    chosen = [each for each in drawn_values(network, seed).tolist() if possible(names, each)][:count]
+    return tuple(network.with_values(dict(zip(names, each, strict=True))) for each in chosen)
 
 
 def has_covariance(network: NortonNetwork) -> bool:

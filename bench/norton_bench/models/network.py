@@ -332,6 +332,12 @@ class NortonNetwork:
         own = {name: value for name, (value, _) in self.parameters().items()}
         return own | {name: value for term in self.terms for name, value in term.named().items()}
 
+    def with_values(self, values: Mapping[str, float]) -> "NortonNetwork":
+        """The same with those of ``values``, by the names of parameters, its own and its terms'; what these do not have
+        stays."""
+        own: dict[str, Any] = {field: values[name] for field, name in PARAMETER_OF_FIELD.items() if name in values}
+        return replace(self, terms=tuple(term.with_values(values) for term in self.terms), **own)
+
     def with_provenance(self, provenance: Mapping[str, str]) -> "NortonNetwork":
         """The same network, with more said of where it comes from."""
         return replace(self, provenance={**self.provenance, **provenance})

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from norton_bench.models.derived import DERIVED, Figure, OperatingPoint, derived, interval_of
-from norton_bench.models.drawn_motor import DRAWS
+from norton_bench.models.drawn_motor import DRAWS, drawn_networks
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PredictionError, Status
 from norton_bench.models.terms import NetworkTerm
@@ -364,3 +364,14 @@ def test_intervals_hold_what_is_not_known_of_the_terms():
     assert 0.5e-3 < high - exact.value < 3e-3
     assert 0.5e-3 < exact.value - low < 3e-3
     assert np.ptp(vague.interval) > np.ptp(exact.interval)
+
+
+def test_networks_are_drawn_as_the_covariance_has_them_and_none_that_no_machine_is() -> None:
+    """A damping that is known to 10 %, over 300 draws: its deviation is known to 4 %, three times that; and one that is
+    known to 60 % would be below zero in one draw of twenty."""
+    values = np.array([each.viscous_damping_nms_rad for each in drawn_networks(uncertain_damping(0.1), 300, 0)])
+    assert values.size == 300
+    assert np.std(values) == pytest.approx(0.1 * B, rel=0.12)
+    assert np.mean(values) == pytest.approx(B, abs=3 * 0.1 * B / np.sqrt(300))
+    assert all(each.viscous_damping_nms_rad > 0.0 for each in drawn_networks(uncertain_damping(0.6), 300, 0))
+    assert drawn_networks(replace(network(), covariance_names=(), covariance=()), 3, 0) == ()

@@ -13,6 +13,7 @@ from norton_bench.errors import UsageError
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.network_steps import VELOCITY_TOLERANCE, dahl_flow, mean_velocity
 from norton_bench.models.parameters import DahlMotor, PredictionError
+from norton_bench.models.terms import NetworkTerm
 
 NETWORK = NortonNetwork(0.9, 600.0, 5e-5, 1e-3, 0.02, 10.0, 0.01, "N*m")
 TICK_S = 1e-3
@@ -207,6 +208,13 @@ def test_what_the_port_exerts_slows_the_shaft_down():
     torque = NETWORK.torque(command, position, TICK_S)
     assert torque[50:-5] == pytest.approx(wave[50:-5], abs=2e-4)
     assert acceleration[0] == 0.0
+
+
+def test_other_values_are_those_of_the_network_and_of_its_terms():
+    drag = NetworkTerm("drag", (3e-6,))
+    network = replace(NETWORK, terms=(drag,))
+    other = network.with_values({"inertia": 6e-5, "quadratic_drag": 4e-6, "unknown": 1.0})
+    assert other == replace(network, inertia_kgm2=6e-5, terms=(NetworkTerm("drag", (4e-6,)),))
 
 
 PREDICTION = PredictionError(3e-4, 0.1, 0.95, {"velocity": (-50.0, 51.0), "command": (-0.08, 0.08)})

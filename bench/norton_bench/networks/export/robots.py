@@ -9,7 +9,6 @@ it costs (:mod:`norton_bench.networks.left_out`).
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import replace
 from textwrap import wrap
 from typing import Any
@@ -18,8 +17,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from norton_bench.errors import UsageError
-from norton_bench.models.drawn_motor import drawn_values
-from norton_bench.models.network import NortonNetwork, impossible
+from norton_bench.models.drawn_motor import drawn_values, possible
+from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, HALF_INTERVAL
 from norton_bench.models.terms import TERM_BY_NAME, TERM_PARAMETERS
 from norton_bench.networks.family import Network
@@ -108,7 +107,7 @@ def export_ranges(network: Network, name: str) -> ExportedModel:
     values, names = motor.values(), motor.covariance_names
     if not names:
         raise UsageError(f"{name}: the network has no covariance, so no range is known; fit its recording again")
-    draws = [each for each in drawn_values(motor, SEED).tolist() if _possible(names, each)][:DRAWS]
+    draws = [each for each in drawn_values(motor, SEED).tolist() if possible(names, each)][:DRAWS]
     half = HALF_INTERVAL * np.sqrt(np.diag(np.asarray(motor.covariance)))
     content = {
         "format": RANGES_FORMAT,
@@ -133,10 +132,6 @@ def _range(name: str, value: float, half: float, command_unit: str) -> dict[str,
     parameter = BY_NAME[name] if name in BY_NAME else TERM_PARAMETERS[name]
     low, high = value - half, value + half
     return {"value": value, "low": low, "high": high, "unit": parameter.unit_for(command_unit)}
-
-
-def _possible(names: Sequence[str], values: Sequence[float]) -> bool:
-    return not any(name in BY_NAME and impossible(name, value) for name, value in zip(names, values, strict=True))
 
 
 def _identified(network: Network, target: str) -> NortonNetwork:

@@ -119,6 +119,12 @@ def test_the_zero_lies_on_straight_lines_between_its_knots():
     np.testing.assert_allclose(zero.at([-5.0, 0.0, 5.0, 15.0, 30.0]), [1.0, 1.0, 2.0, 2.5, 2.0])
 
 
+def test_before_its_first_knot_the_zero_goes_on_as_evenly_as_it_drifts():
+    zero = SensorZero(np.array([10.0, 20.0, 30.0]), np.array([1.0, 9.0, 3.0]), np.diag([1.0, 5.0, 4.0]))
+    assert zero.before(0.0) == pytest.approx((0.0, np.sqrt(1.5**2 * 1.0 + 0.5**2 * 4.0)))
+    assert SensorZero.constant(2.0).before(-5.0) == (2.0, 0.0)
+
+
 def test_a_fit_that_tells_no_zero_corrects_nothing(result):
     assert PortTorque.of(result, None, 0) is not None
     assert PortTorque.of(replace(result, torque_zero=None), None, 0) is None
