@@ -244,14 +244,16 @@ class Contact:
 
     @classmethod
     def of(cls, truth: SimulatedStretch, solution: Solution, at_s: FloatArray) -> "Contact":
-        """At these instants of the torque's clock. A motor behind a joint has none at the sensor's spring."""
+        """At these instants of the torque's clock. A motor behind a joint has none at the sensor's spring, and one that
+        comes out below nothing holds nothing."""
         if isinstance(solution.regression, JointRegression):
             return cls(np.zeros(at_s.size), np.zeros(at_s.size), 0.0, 0.0)
         shape, linear = solution.shape, solution.linear
         velocity = truth.motion(np.clip(at_s + shape.motion_delay_s, truth.time_s[0], truth.time_s[-1]), 1)
         sticking = 1.0 - np.clip(truth.at(at_s, truth.share) * np.sign(velocity), -1.0, 1.0)
         slip_1_s = np.abs(velocity) * shape.s_per_rad
-        return cls(sticking, slip_1_s, float(linear[COULOMB] * shape.s_per_rad), float(linear[DAMPING]))
+        stiffness, damping = max(float(linear[COULOMB]), 0.0) * shape.s_per_rad, max(float(linear[DAMPING]), 0.0)
+        return cls(sticking, slip_1_s, stiffness, damping)
 
     def within(self, time_s: float, moved_kgm2: float) -> FloatArray:
         """What it does to an oscillation in so short a time, in each step of its grid, as ``oscillator_with_contact``

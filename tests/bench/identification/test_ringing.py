@@ -247,6 +247,18 @@ def test_ringing_is_what_two_inertias_on_a_spring_do(result):
     assert np.std(found - expected) < 0.03 * np.std(expected)
 
 
+def test_a_contact_that_comes_out_below_nothing_holds_nothing(result):
+    """A coarse encoder may leave a presliding damping below zero: with it the spring would ring ever more."""
+    bench, spring = result.simulated.bench, coupling(1300.0).damped(0.03, Truth().inertia)
+    linear = bench.solution.linear.copy()
+    linear[4] = -0.03
+    truth = bench.truths[0]
+    other = replace(bench, solution=replace(bench.solution, linear=linear)).driving(truth, spring)
+    assert other.contact.damping_nms_rad == 0.0
+    own = bench.driving(truth, spring).ringing_at(truth.time_s, spring)
+    assert np.std(other.ringing_at(truth.time_s, spring)) < 3 * np.std(own)
+
+
 @pytest.mark.parametrize("ratio", [0.01, 0.5, 1.0, 1.5])
 def test_an_oscillator_is_taken_exactly_across_a_step(ratio):
     """As the exponential of its matrix does, the acceleration a line in time."""
