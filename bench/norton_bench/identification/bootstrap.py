@@ -183,8 +183,8 @@ class Simulation:
         shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
         noise_nm = float(np.sqrt(max(2.0 * seen.noise**2 - shown.noise**2, 0.0)))
         jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
-        known_to = float(np.hypot(seen.noise_known_to, shown.noise_known_to))
-        return replace(bench, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s, known_to))
+        variance_std = float(np.hypot(seen.variance_std, shown.variance_std))
+        return replace(bench, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s, variance_std))
 
     @property
     def stretches(self) -> tuple[Signals, ...]:

@@ -66,14 +66,17 @@ class Pieces:
         """What is the error neither of readings nor of values, (n,); nothing where chance may have made it."""
         usual, records = np.mean(self.repeated, axis=0), len(self.repeated)
         left = self.seen - usual
-        if records > 1:
+        own = np.var(self.repeated, axis=0)
+        if own.any():
             # A variance out of so few is hardly known. Those of all stretches tell what it is at least, relative; and
             # what is more than that is as likely chance as not. Relative to the mean of all, which no difference moves.
-            own = np.var(self.repeated, axis=0, ddof=1)
+            own = own * records / (records - 1)
             least = float(np.mean(own / usual**2)) * ((self.seen + records * usual) / (records + 1)) ** 2
             variances = (least + 0.5 * np.maximum(own - least, 0.0)) * (1.0 + 1.0 / records)
             weights = 1.0 / variances
-            by_chance = np.hypot(np.sqrt(np.sum(weights)), self.known_to * np.sum(weights * usual))
+            # What the stretches of a record have in common, as its fit's errors, makes their sum scatter more.
+            alike = np.var(self.repeated @ weights, ddof=1) * (1.0 + 1.0 / records)
+            by_chance = np.hypot(np.sqrt(max(np.sum(weights), alike)), self.known_to * np.sum(weights * usual))
             if np.sum(weights * left) < normal_quantile(LEVEL) * by_chance:
                 return np.zeros(left.size)
             left = shrunk(left, variances)
@@ -94,13 +97,14 @@ def prediction_error(
     networks = drawn_networks(result.network, NETWORKS, SEED) or (result.network,)
     bench = None if result.simulated is None else result.simulated.bench.over(tuple(unseen))
     records = [] if bench is None else list(islice(of_simulated(result, bench), RECORDS))
-    known_to = 0.0 if bench is None else bench.torque_errors.noise_known_to
+    known_to = 0.0 if bench is None else bench.torque_errors.known_to
     torque = _torque(at, standing_nm, [each for _, each in records], _differences(result, stretches, networks))
     used = [each for each in measured.segments if each.use in (Use.IDENTIFY, Use.VALIDATE)]
     runs = free_runs(result, stretches, used, at.zero.moved(-standing_nm))
     # The records change with time as the fit does, which the network does not foresee.
     lasting = [] if at.drifted_nm.any() else records
-    velocity = _velocity(runs, [free_runs(result, own, used, each.zero) for own, each in lasting], networks)
+    put_in = _put_in(result)
+    velocity = _velocity(runs, [free_runs(put_in, own, used, each.zero) for own, each in lasting], networks)
     torque_nm, level = replace(torque, known_to=known_to).bound()
     velocity_rad_s = NAN if velocity is None else replace(velocity, known_to=known_to).bound()[0]
     seen = {"velocity": at.velocity_rad_s, "acceleration": at.acceleration_rad_s2, "command": at.command}
@@ -128,6 +132,14 @@ def of_simulated(result: FitResult, simulation: Simulation) -> Iterator[tuple[tu
         yield (*fitted, *unseen), Expansion.of(result, fitted, unseen)
 
 
+def _put_in(result: FitResult) -> FitResult:
+    """With the network that the records were simulated with: that of the values before any bias was taken off."""
+    if result.simulated is None:
+        return result
+    values = {name: value for name, (value, _) in result.simulated.of_residual.items()}
+    return replace(result, network=result.network.with_values(values))
+
+
 def mean_squares(at: Expansion, standing_nm: float) -> tuple[FloatArray, float]:
     """Of the network's error over pieces (pieces,), each predicted without itself; and the noise's share of each.
 
@@ -149,6 +161,7 @@ def _torque(
 def _over(seen: _ByPiece, repeated: Sequence[_ByPiece], drawn: Sequence[_ByPiece]) -> Pieces:
     """Of the pieces ``seen``. Which samples are used depends on the readings' errors, too: a record that lacks a piece
     has its others' mean there."""
+    repeated = [each for each in repeated if each]
     usual = [float(np.mean(list(each.values()))) for each in repeated]
     return Pieces(
         np.array(list(seen.values())),
@@ -232,14 +245,16 @@ def _velocity(
     if not repeated:
         noise = {run.segment: run.noise_rad2_s2 for run in runs}
         repeated = [{(segment, number): noise[segment] for segment, number in seen}]
-    others = [each.dissipative() for each in networks]
-    return _over(seen, repeated, [_by_run((run, run.motion.predicted(each)) for run in runs) for each in others])
+    return _over(seen, repeated, [_by_run((run, run.motion.predicted(each)) for run in runs) for each in networks])
 
 
 def _by_run(runs: Iterable[tuple[FreeRun, FloatArray]]) -> _ByPiece:
-    """Of what a velocity (n,) differs by from the network's prediction."""
-    return {
-        (run.segment, number): float(np.mean((velocity_rad_s - run.predicted)[piece] ** 2))
-        for run, velocity_rad_s in runs
-        for number, piece in _pieces(run.time_s)
-    }
+    """Of what a velocity (n,) differs by from the network's prediction. A segment with a gap has several runs."""
+    by_segment = dict[int, list[tuple[FloatArray, FloatArray]]]()
+    for run, velocity_rad_s in runs:
+        by_segment.setdefault(run.segment, []).append((run.time_s, velocity_rad_s - run.predicted))
+    squares: _ByPiece = {}
+    for segment, parts in by_segment.items():
+        time_s, error = (np.concatenate(each) for each in zip(*parts, strict=True))
+        squares |= {(segment, number): float(np.mean(error[piece] ** 2)) for number, piece in _pieces(time_s)}
+    return squares

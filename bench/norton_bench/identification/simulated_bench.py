@@ -53,13 +53,13 @@ class ReadingErrors:
     """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
     instants at which they are taken scatter.
 
-    ``noise_known_to`` is the standard error of the noise's variance over that variance.
+    ``variance_std`` is the standard error of the noise's variance.
     """
 
     noise: float
     step: float
     jitter_s: float
-    noise_known_to: float = 0.0
+    variance_std: float = 0.0
 
     @classmethod
     def of(cls, stream: TimeSeries, step: float) -> "ReadingErrors":
@@ -73,9 +73,14 @@ class ReadingErrors:
         # The median passes over shocks; for normal errors it is this much of the mean.
         power = np.median(blocks, axis=1) / NORMAL_MEDIAN_SQUARE
         speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
-        constant, slope, known_to = _line(speed, power)
-        variance = max(constant - step**2 / 12, 0.0)
-        return cls(float(np.sqrt(variance)), step, float(np.sqrt(slope)), known_to / variance if variance else 0.0)
+        constant, slope, constant_std = _line(speed, power)
+        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)), constant_std)
+
+    @property
+    def known_to(self) -> float:
+        """The standard error of the variance of a reading at rest, over that variance."""
+        variance = self.noise**2 + self.step**2 / 12
+        return self.variance_std / variance if variance > 0.0 else 0.0
 
     def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
         """Readings of ``values`` (n,), which change at ``rate`` (n,)."""

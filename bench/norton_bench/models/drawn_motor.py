@@ -10,6 +10,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.models.network import PARAMETER_OF_FIELD, REQUIRED, NortonNetwork, impossible
 from norton_bench.models.parameters import BY_NAME
 from norton_bench.models.sliding import command_for
+from norton_bench.models.terms import TERM_PARAMETERS
 
 # Half of them mirror the others, so that the interval of a linear figure lies evenly about its value. The share of
 # draws in one tail, of 2.5 %, is then known to 0.25 % (binomial), far less than any coverage can be measured to.
@@ -99,7 +100,14 @@ def drawn_values(network: NortonNetwork, seed: int) -> FloatArray:
 
 def possible(names: Sequence[str], values: Sequence[float]) -> bool:
     """Whether a machine may have these values of parameters with these names."""
-    return not any(name in BY_NAME and impossible(name, value) for name, value in zip(names, values, strict=True))
+    return not any(_impossible(name, value) for name, value in zip(names, values, strict=True))
+
+
+def _impossible(name: str, value: float) -> bool:
+    if name in BY_NAME:
+        return impossible(name, value)
+    term = TERM_PARAMETERS[name]
+    return value < 0.0 if term.low == 0.0 else term.logarithmic and value <= 0.0
 
 
 def drawn_networks(network: NortonNetwork, count: int, seed: int) -> tuple[NortonNetwork, ...]:

@@ -44,7 +44,7 @@ def test_how_well_the_noise_is_known_is_how_much_it_scatters(jitter_s: float) ->
     found = [ReadingErrors.of(stream(1e-4, 0.0, jitter_s, seed), 0.0) for seed in range(40)]
     variances = np.array([each.noise**2 for each in found])
     scatter = np.std(variances) / np.mean(variances)
-    assert np.mean([each.noise_known_to for each in found]) == pytest.approx(scatter, rel=0.35)
+    assert np.mean([each.known_to for each in found]) == pytest.approx(scatter, rel=0.35)
 
 
 def test_a_spline_on_an_even_grid_is_the_interpolating_one() -> None:

@@ -82,7 +82,7 @@ def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(varied):
 def test_the_stated_error_has_no_cogging_that_the_network_has(error):
     """0.3 mN·m of cogging, 0.21 mN·m rms, are in the network."""
     assert error.rms_nm < 0.15e-3
-    assert error.prediction.torque_nm < 0.15e-3
+    assert 0.0 < error.prediction.torque_nm < 0.15e-3
     assert error.prediction.level == pytest.approx(LEVEL)
     low, high = error.prediction.ranges["velocity"]
     assert low < -20 < 20 < high

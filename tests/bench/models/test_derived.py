@@ -375,3 +375,7 @@ def test_networks_are_drawn_as_the_covariance_has_them_and_none_that_no_machine_
     assert np.mean(values) == pytest.approx(B, abs=3 * 0.1 * B / np.sqrt(300))
     assert all(each.viscous_damping_nms_rad > 0.0 for each in drawn_networks(uncertain_damping(0.6), 300, 0))
     assert drawn_networks(replace(network(), covariance_names=(), covariance=()), 3, 0) == ()
+    joint = NetworkTerm("compliance", (5.0, 1e-4, 1e-5))
+    uncertain = replace(network(), terms=(joint,), covariance_names=("joint_damping",), covariance=((1e-6,),))
+    with_gain = replace(uncertain, covariance_names=("joint_damping", "inertia"), covariance=((1e-6, 0.0), (0.0, 0.0)))
+    assert all(each.terms[0].values[1] >= 0.0 for each in drawn_networks(with_gain, 300, 0))
