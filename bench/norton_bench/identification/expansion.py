@@ -303,6 +303,11 @@ class Expansion:
         values = np.linalg.lstsq(scaled @ scaled.T, scaled @ self.residual[self.fitted], rcond=1e-12)[0] / scale
         return SensorZero(self.knots_s, values[self.basis])
 
+    @cached_property
+    def sums(self) -> "Sums":
+        """Of the jacobian's own columns."""
+        return Sums.of(self, self.jacobian)
+
     def without(self, zero: SensorZero) -> FloatArray:
         """The residual without the sensor's ``zero``, shape (n,)."""
         return np.asarray(self.residual - self.memory.taken_off(zero.at(self.time_s)))

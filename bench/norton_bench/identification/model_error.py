@@ -20,7 +20,7 @@ from norton_bench.identification.departures import (
     departures,
     greatest_share,
 )
-from norton_bench.identification.expansion import Expansion, Linearised, Sums
+from norton_bench.identification.expansion import Expansion, Linearised
 from norton_bench.identification.ladder import Rung, selected
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import mean_squares, of_simulated
@@ -313,14 +313,14 @@ def milli(value_nm: float) -> str:
 
 def _without_cogging(at: Expansion) -> float:
     """The mean square that the fit's own equation leaves."""
-    sums = Sums.of(at, at.jacobian)
+    sums = at.sums
     every = np.arange(len(at.jacobian))
     return sums.left(every, sums.solved(every)) / sums.count
 
 
 def _spread(at: Expansion) -> FloatArray:
     """The jackknife's deviation of each of motor_values.PHYSICAL, relative, over segments; shape (7,)."""
-    sums = Sums.of(at, at.jacobian)
+    sums = at.sums
     every = np.arange(len(at.jacobian))
     parts = np.unique(sums.part)
     shifts = np.stack([at.physical(sums.solved(every, int(part)) / sums.scale) for part in parts])

@@ -173,7 +173,7 @@ def _over(seen: _ByPiece, repeated: Sequence[_ByPiece], drawn: Sequence[_ByPiece
 def _left(at: Expansion, standing_nm: float) -> _ByPiece:
     """Of the network's error, each fitted segment predicted by a fit without it; what the network does not foresee of
     changes in time is an error."""
-    sums = Sums.of(at, at.jacobian)
+    sums = at.sums
     whole = sums.solved(np.arange(len(sums.scale)))
     error_nm = at.without(at.zero.moved(-standing_nm)) + at.drifted_nm
     for part in np.unique(at.part[at.fitted]).tolist():
@@ -183,7 +183,7 @@ def _left(at: Expansion, standing_nm: float) -> _ByPiece:
 
 def _left_by_readings(at: Expansion) -> _ByPiece:
     """Of a simulated record, where the equations are true: each segment predicted by a fit to the others."""
-    sums = Sums.of(at, at.jacobian)
+    sums = at.sums
     error_nm = at.without(at.zero)
     for part in np.unique(at.part).tolist():
         error_nm[at.part == part] -= _torque_of(at, part, _by_others(sums, part) / sums.scale)

@@ -142,10 +142,16 @@ class FreeRun:
     segment: int
     motion: FreeMotion
     network: NortonNetwork
-    time_s: FloatArray
     measured: FloatArray
-    predicted: FloatArray
     position_noise_rad2_s2: float
+
+    @property
+    def time_s(self) -> FloatArray:
+        return self.motion.compared_s
+
+    @cached_property
+    def predicted(self) -> FloatArray:
+        return self.motion.predicted(self.network)
 
     @cached_property
     def noise_rad2_s2(self) -> float:
@@ -190,7 +196,7 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
     inside = np.flatnonzero((stretch.segment == segment.index) & stretch.usable)[:-reach]
     if inside.size < 2:
         return None
-    tick_s, network = stretch.tick_s, result.network
+    tick_s = stretch.tick_s
     first = max(0, inside[0] - round(MEMORY_S / tick_s))
     time_s = stretch.time_s[first : inside[-1] + 1 + reach]
     # The command that acts at an instant of the motion was sent this much earlier, to the nearest tick; the rest of
@@ -212,10 +218,7 @@ def _free_run(result: FitResult, stretch: Signals, segment: SegmentInfo, zero: S
         velocity_rad_s=float(measured[first]),
         band=LOW_BAND.taps(np.arange(-reach, reach + 1, dtype=np.float64), 0),
     )
-    predicted = motion.predicted(network)
-    return FreeRun(
-        segment.index, motion, network, motion.compared_s, measured[inside], predicted, float(rows.noise()[2])
-    )
+    return FreeRun(segment.index, motion, result.network, measured[inside], float(rows.noise()[2]))
 
 
 def _torque_deviation(result: FitResult, stretch: Signals) -> float:
