@@ -7,7 +7,7 @@ travel. Each simulated record goes the whole way of the real one, from readings 
 parameters is their deviation; their mean distance from the values that were put in is their bias.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -130,19 +130,58 @@ def _solutions(bench: "Simulation") -> Iterator[Solution]:
 
 
 @dataclass(frozen=True)
+class Encoder:
+    """What one encoder read: ``rows`` of its table (n,), and ``late_s`` (n,), how much later than at even instants each
+    was read, as far as arrivals tell."""
+
+    rows: Table
+    position: TimeSeries
+    late_s: FloatArray
+    errors: ReadingErrors = NO_ERRORS
+
+    @classmethod
+    def of(cls, table: Table, origin_ns: int) -> "Encoder":
+        """Without errors."""
+        rows = table[instants(table, origin_ns)[1]]
+        return cls(rows, positions_of(rows, origin_ns), positions_late_s(rows, origin_ns))
+
+    def with_errors(self, step_rad: float) -> "Encoder":
+        """With the errors that its own readings show."""
+        return replace(self, errors=ReadingErrors.of(self.position, step_rad))
+
+    def along(self, truths: Sequence[SimulatedStretch]) -> tuple[FloatArray, FloatArray]:
+        """Position and velocity at its readings, (n,) each, from its own zero; outside the stretches what it did read,
+        and no velocity."""
+        position_rad = np.asarray(self.rows["position_rad"], dtype=np.float64).copy()
+        velocity_rad_s, read_s = np.zeros(position_rad.size), self.position.time_s + self.late_s
+        for truth in truths:
+            own = _within(self.position.time_s, truth.stretch.time_s)
+            motion_rad = truth.motion(read_s[own])
+            position_rad[own] = motion_rad + np.mean(position_rad[own] - motion_rad)
+            velocity_rad_s[own] = truth.motion(read_s[own], 1)
+        return position_rad, velocity_rad_s
+
+    def read(self, motion: tuple[FloatArray, FloatArray], random: np.random.Generator) -> Table:
+        """Readings of such a motion, with errors of their own."""
+        return _with(self.rows, "position_rad", self.errors.drawn(*motion, random))
+
+
+@dataclass(frozen=True)
 class Simulation:
-    """The bench as it was measured, with the fit for its actuator."""
+    """The bench as it was measured, with the fit for its actuator.
+
+    The load turns as the actuator does; what the torque twists the sensor between them would add to both encoders'
+    difference alone. ``other`` is None where no load was read.
+    """
 
     readings: Readings
     solution: Solution
     truths: tuple[SimulatedStretch, ...]
-    motion_rows: Table
+    encoder: Encoder
+    other: Encoder | None
     torque_rows: Table
-    position: TimeSeries
     torque: TimeSeries
-    position_errors: ReadingErrors
     torque_errors: ReadingErrors
-    late_s: FloatArray  # how much later than at even instants positions were read, as far as arrivals tell
     travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
 
     @classmethod
@@ -155,29 +194,29 @@ class Simulation:
         """With perfect readings, at the instants at which they were read."""
         measured, origin_ns = readings.measured, stretches[0].origin_ns
         valid = measured.torque[measured.torque["valid"]]
-        motion_rows = measured.motion[instants(measured.motion, origin_ns)[1]]
+        encoder = Encoder.of(measured.motion, origin_ns)
         torque_rows = valid[instants(valid, origin_ns)[1]]
-        position, late_s = positions_of(motion_rows, origin_ns), positions_late_s(motion_rows, origin_ns)
         torque = stream_of(torque_rows, "torque_nm", origin_ns)
         return cls(
             readings,
             solution,
             tuple(SimulatedStretch.of(stretch, solution, readings.coupling) for stretch in stretches),
-            motion_rows,
+            encoder,
+            Encoder.of(measured.load_motion, origin_ns) if len(measured.load_motion) else None,
             torque_rows,
-            position,
             torque,
             NO_ERRORS,
-            NO_ERRORS,
-            late_s,
-            _one_way_s(travel_times_s(measured.motion), late_s),
+            _one_way_s(travel_times_s(measured.motion), encoder.late_s),
         )
 
     def _with_errors(self, count_rad: float) -> "Simulation":
         """As measured, without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
         seen = ReadingErrors.of(self.torque, resolution_rad(self.torque.value))
-        bench = replace(self, position_errors=ReadingErrors.of(self.position, count_rad))
+        other = self.other
+        if other is not None:
+            other = other.with_errors(resolution_rad(other.position.value))
+        bench = replace(self, encoder=self.encoder.with_errors(count_rad), other=other)
         even = replace(bench, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
         values = np.asarray(even.torque["torque_nm"], dtype=np.float64)
         shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
@@ -208,7 +247,6 @@ class Simulation:
 
     def record(self, random: np.random.Generator) -> Measured:
         """What would have been measured, with errors of its own."""
-        position_rad, velocity_rad_s = self._motion
         torque_nm, seen_at_all = self.torque.value.copy(), np.zeros(self.torque.value.size, dtype=bool)
         coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
@@ -216,27 +254,24 @@ class Simulation:
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
             seen_at_all[seen] = True
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
-        position_rad = self.position_errors.drawn(position_rad, velocity_rad_s, random)
+        motion = self.encoder.read(self._of_actuator, random)
         drawn_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
         if self.readings.ringing_nm is not None:
             drawn_nm = drawn_nm - self.readings.ringing_nm
         torque_nm = np.where(seen_at_all, drawn_nm, torque_nm)  # what is not simulated has its errors already
-        return replace(
-            self.readings.measured,
-            motion=_with(self.motion_rows, "position_rad", position_rad),
-            torque=_with(self.torque_rows, "torque_nm", torque_nm),
-        )
+        record = replace(self.readings.measured, motion=motion, torque=_with(self.torque_rows, "torque_nm", torque_nm))
+        if self.other is None:
+            return record
+        return replace(record, load_motion=self.other.read(self._of_load, random))
 
-    @cached_property  # of every simulated record
-    def _motion(self) -> tuple[FloatArray, FloatArray]:
-        """Position and velocity at the encoder's readings, (n,) each; zero velocity outside the stretches."""
-        position_rad = np.asarray(self.motion_rows["position_rad"], dtype=np.float64).copy()
-        velocity_rad_s, read_s = np.zeros(position_rad.size), self.position.time_s + self.late_s
-        for truth in self.truths:
-            own = _within(self.position.time_s, truth.stretch.time_s)
-            position_rad[own] = truth.motion(read_s[own])
-            velocity_rad_s[own] = truth.motion(read_s[own], 1)
-        return position_rad, velocity_rad_s
+    @cached_property  # of every simulated record, as the next
+    def _of_actuator(self) -> tuple[FloatArray, FloatArray]:
+        return self.encoder.along(self.truths)
+
+    @cached_property
+    def _of_load(self) -> tuple[FloatArray, FloatArray]:
+        assert self.other is not None
+        return self.other.along(self.truths)
 
     def _torque(
         self, truth: SimulatedStretch, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator

@@ -124,10 +124,24 @@ class Rows:
         return self._at_ticks(values, shift_s, self.averaging)
 
     def _at_ticks(self, values: FloatArray, shift_s: float, kernel: Kernel) -> FloatArray:
-        shift = shift_s / self.signals.tick_s
-        reach = int(np.ceil(kernel.half_width + abs(shift)))
-        taps = kernel.taps(np.arange(-reach, reach + 1, dtype=np.float64) - shift, 0)[None, :]
-        return np.stack([loops.filter_at(row, taps, -reach, self.stride, self.count)[0] for row in values])
+        return np.stack([self._derivatives(row, (0,), shift_s, kernel)[0] for row in values])
+
+    def derivatives(self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float = 0.0) -> FloatArray:
+        """Of any signal but the torque, given at the ticks, filtered: shape (derivatives, count)."""
+        return self._derivatives(values, derivatives, shift_s, self.averaging)
+
+    def torque_derivatives(self, derivatives: tuple[int, ...]) -> FloatArray:
+        """The same of the torque; zero where nothing measures it."""
+        torque = self.signals.torque_nm
+        if torque is None:
+            return np.zeros((len(derivatives), self.count))
+        return self._derivatives(torque, derivatives, 0.0, self.kernel)
+
+    def _derivatives(
+        self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, kernel: Kernel
+    ) -> FloatArray:
+        taps = _fine_taps(kernel, derivatives, shift_s, self.signals.tick_s, 1, of_means=False)
+        return np.asarray(loops.filter_at(values, taps, -(taps.shape[1] // 2), self.stride, self.count))
 
     def lag(self, shape: Shape) -> FloatArray:
         """The amplifier's lag of what it is told, per unit of gain, (count,): the command, or what a servo makes of

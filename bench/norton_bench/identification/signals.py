@@ -62,7 +62,8 @@ class Signals:
     ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it. ``rests`` are the
     ends of longer rests, as indices of ``time_s``; within a rest counts do not tell what becomes of the friction.
     ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
-    it more slowly than anything can be interpolated. ``smoothed`` are the readings that ``path_rad`` comes from.
+    it more slowly than anything can be interpolated. ``other_rad`` (n,) is the other machine's position on its own
+    clock, None where that was not read throughout. ``smoothed`` are the readings that ``path_rad`` comes from.
     """
 
     tick_s: float
@@ -77,6 +78,7 @@ class Signals:
     rests: IntArray
     torque_nm: FloatArray | None = None
     current: "TimeSeries | None" = None
+    other_rad: FloatArray | None = None
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
     position_period_s: float = 0.0  # between two readings
@@ -103,7 +105,7 @@ def signals(
     count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
     streams = _streams(measured, motion, port, origin_ns, count_rad)
     runs_s = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
-    runs_s += [stream.time_s for name, stream in streams.items() if name != "current"]
+    runs_s += [stream.time_s for name, stream in streams.items() if name not in ("current", "other")]
     if of_both:
         runs_s += [instants(table, origin_ns)[0] for table in (measured.motion, measured.load_motion)]
     stretches = [
@@ -166,6 +168,15 @@ class TimeSeries:
         (time_s, value), (_, of_other), table = self._filled(), other._filled(), OF_MOTION.table()
         return np.asarray(loops.resample_both(time_s, value, of_other, self.period_s, grid_s, table, TABLE_PER_UNIT))
 
+    def throughout(self, grid_s: FloatArray) -> FloatArray | None:
+        """As ``at``, and at the ends the nearest; None where readings are missing for longer than LONGEST_GAP_S."""
+        inside = self.between(grid_s[0], grid_s[-1]).time_s
+        if np.max(np.diff(inside, prepend=grid_s[0], append=grid_s[-1])) > LONGEST_GAP_S:
+            return None
+        value = self.at(grid_s)
+        known = np.isfinite(value)
+        return np.interp(grid_s, grid_s[known], value[known])
+
     def _filled(self) -> tuple[FloatArray, FloatArray]:
         steps = np.diff(self.time_s)
         gaps = np.flatnonzero((steps > LONGEST_STEP * self.period_s) & (steps < LONGEST_GAP_S))
@@ -207,6 +218,9 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, coun
         stream = stream_of(torque, "torque_nm", origin_ns)
         sign = 1.0 if port is Port.ACTUATOR else -1.0
         streams["torque"] = replace(stream, value=sign * stream.value)
+    other = measured.load_motion if port is Port.ACTUATOR else measured.motion
+    if len(other):
+        streams["other"] = positions_of(other, origin_ns)
     if len(measured.current) and port is Port.ACTUATOR:
         streams["current"] = stream_of(measured.current, "current_a", origin_ns)
     return streams
@@ -305,6 +319,7 @@ def _stretch(
         rests=_ends_of_rests(moves, tick_s),
         torque_nm=None if torque is None else torque.at(time_s),
         current=streams["current"].between(start_s, end_s) if "current" in streams else None,
+        other_rad=streams["other"].throughout(time_s) if "other" in streams else None,
         position_noise=_density_of_counts(streams["position"], streams["path"].value, time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
         position_period_s=streams["position"].period_s,

@@ -119,7 +119,9 @@ def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None
     solution = solve(stretches)
     values, covariance = physical(solution)
     bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solution)
-    exact = replace(bench, position_errors=NO_ERRORS, torque_errors=NO_ERRORS, travel_s=np.zeros(1))
+    exact = replace(
+        bench, encoder=replace(bench.encoder, errors=NO_ERRORS), torque_errors=NO_ERRORS, travel_s=np.zeros(1)
+    )
     record = exact.record(np.random.default_rng(0))
     again = solve_again(signals(record, TICK_S, Use.IDENTIFY), solution)
     given = physical(again)[0]
