@@ -1,28 +1,29 @@
 """How great an encoder's errors are in a fit's band, as the other machine's encoder tells it.
 
 Both turn with one shaft, and their errors have nothing in common. Of the accelerations a and z that they show, the mean
-of a (a - z) is the energy of a's own errors (an instrumental variable: Wright, 1928; Söderström, Errors-in-Variables
-Methods in System Identification, 2018, ch. 6): whatever they come from, and whether they hide behind counts or not. The
-twist of the sensor between both, which its torque tells, and the difference of the delays are taken off by least
-squares.
+of a (a - z) is the energy of a's own errors, whatever they come from and whether they hide behind counts or not
+(instrumental variables: Söderström, Errors-in-Variables Methods in System Identification, 2018, ch. 6). Before, z is
+moved by the difference of both delays, and the twist of the sensor between both is taken off: it goes with the torque,
+as the angles themselves tell best.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.counts import UNIFORM_DEVIATION
 from norton_bench.identification.rows import Rows
-from norton_bench.identification.shape import STILL
 
-# The delays' difference moves one against the other; found from slopes, it is exact after the second round.
+# The difference of the delays is told by a slope, which is exact for small ones: it is told again from where it led.
 ROUNDS = 3
-# Means of blocks of this length, in which encoders' errors have long forgotten what they were, are independent.
+# Over this time encoders' errors have long forgotten what they were.
 BLOCK_S = 0.5
 FEWEST_BLOCKS = 10
-# Deviations. What differs by more than this is no encoder's error: the two do not turn as one shaft.
+# Of the squares of the velocities' difference and their sum: they are equal where one of both stands still.
+MOST_APART = 0.1
+# Deviations. What differs by more than this is no encoder's error.
 IMPLAUSIBLE = 3.0
 
 
@@ -43,16 +44,18 @@ def position_noise_factor(rows: Sequence[Rows]) -> float:
     Noise of as much as the counts' own errors may hide behind counts: that is the deviation of what readings tell, and
     the two are weighed by their variances. It is 1 where there are no counts, or another encoder tells nothing.
     """
-    means = _block_means(rows)
-    if means.size < FEWEST_BLOCKS:
+    sizes = [each.usable.size for each in rows]
+    assumed, hidden = (
+        float(np.average(each, weights=sizes)) if rows else 0.0
+        for each in ([each.motion_noise(2) for each in rows], [_of_counts(each) for each in rows])
+    )
+    told = _told(rows) if hidden > 0.0 else None
+    if told is None:
         return 1.0
-    weights = [each.usable.size for each in rows]
-    assumed = float(np.average([each.motion_noise(2) for each in rows], weights=weights))
-    hidden = float(np.average([_of_counts(each) for each in rows], weights=weights))
-    seen, std = float(np.mean(means)), float(np.std(means, ddof=1) / np.sqrt(means.size))
-    if hidden == 0.0 or abs(seen - assumed) > IMPLAUSIBLE * np.hypot(hidden, std):
+    energy, std = told
+    if abs(energy - assumed) > IMPLAUSIBLE * np.hypot(hidden, std):
         return 1.0
-    return max(1.0 + (seen / assumed - 1.0) * hidden**2 / (hidden**2 + std**2), 0.0)
+    return max(1.0 + (energy / assumed - 1.0) * hidden**2 / (hidden**2 + std**2), 0.0)
 
 
 def _of_counts(rows: Rows) -> float:
@@ -62,26 +65,86 @@ def _of_counts(rows: Rows) -> float:
     return density / signals.position_noise * rows.motion_noise(2) if density > 0.0 else 0.0
 
 
-def _block_means(rows: Sequence[Rows]) -> FloatArray:
-    """Of a (a - z) without twist and delay, (blocks,)."""
-    shift_s, products = 0.0, [np.empty(0)]
-    for _ in range(ROUNDS if rows else 0):
-        parts = [_accelerations(each, shift_s) for each in rows]
-        own, other, *columns = np.concatenate(parts, axis=1)
-        slopes = np.linalg.lstsq(np.stack(columns, axis=1), own - other, rcond=None)[0]
-        products = [part[0] * (part[0] - part[1] - slopes @ part[2:]) for part in parts]
-        shift_s += float(slopes[0])
-    return np.concatenate([_means(each, rows[0]) for each in products])
+@dataclass(frozen=True)
+class _Products:
+    """Sums over blocks, shape (blocks, ...).
+
+    The angle between both encoders has two regressors, the other's velocity (for the delay) and the torque, and two
+    instruments, the own velocity (for the other's has errors) and the torque. ``matrix`` (2, 2) is of instruments and
+    regressors, without the torque's own noise, ``right`` (2,) of instruments and the angle, ``own`` (2,) of a and the
+    regressors' second derivatives, ``energy`` of a and a - z. ``apart`` is the square of both velocities' difference,
+    ``together`` that of their sum, ``samples`` how many there are.
+    """
+
+    matrix: FloatArray
+    right: FloatArray
+    own: FloatArray
+    energy: FloatArray
+    apart: FloatArray
+    together: FloatArray
+    samples: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows, shift_s: float) -> "_Products":
+        """With the other encoder read ``shift_s`` later."""
+        length = max(1, round(BLOCK_S / (rows.signals.tick_s * rows.stride)))
+        own, other, torque = (
+            each[:, : each.shape[1] // length * length].reshape(len(each), -1, length) for each in _both(rows, shift_s)
+        )
+        about = [each - each.mean(axis=-1, keepdims=True) for each in (own[1], other[1], torque[0], own[0] - other[0])]
+        instruments, regressors = np.stack([about[0], about[2]]), np.stack([about[1], about[2]])
+        samples = np.full(own.shape[1], float(length))
+        matrix = np.einsum("ibn,rbn->bir", instruments, regressors)
+        matrix[:, 1, 1] -= samples * rows.torque_noise(0)
+        return cls(
+            matrix,
+            np.einsum("ibn,bn->bi", instruments, about[3]),
+            np.einsum("rbn,bn->br", np.stack([other[3], torque[1]]), own[2]),
+            np.einsum("bn,bn->b", own[2], own[2] - other[2]),
+            np.sum((own[1] - other[1]) ** 2, axis=1),
+            np.sum((own[1] + other[1]) ** 2, axis=1),
+            samples,
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence["_Products"]) -> "_Products":
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
+
+    def without_each(self) -> "_Products":
+        """Of all blocks but one, and of all of them at the end, (blocks + 1, ...)."""
+        each = (getattr(self, name) for name in self.__dataclass_fields__)
+        return _Products(*(np.concatenate([sums.sum(0) - sums, sums.sum(0)[None]]) for sums in each))
+
+    @property
+    def slopes(self) -> FloatArray:
+        """Of the delay [s] and of the twist, (..., 2); none of a regressor that is nowhere seen."""
+        size = np.sqrt(np.abs(np.einsum("...ii->...i", self.matrix)))
+        size = np.where(size > 0.0, size, 1.0)
+        scaled = self.matrix / size[..., :, None] / size[..., None, :]
+        found = np.linalg.pinv(scaled) @ (self.right / size)[..., None]
+        return np.asarray(found[..., 0] / size)
 
 
-def _accelerations(rows: Rows, shift_s: float) -> FloatArray:
-    """Of both encoders, the other's jerk, the torque's second and third derivative (which its delay and the sensor's
-    damping add), (5, samples)."""
+def _told(rows: Sequence[Rows]) -> tuple[float, float] | None:
+    """The energy of a's errors and its standard deviation (jackknife over blocks); None where too little was read, or
+    the two do not turn as one shaft."""
+    shift_s, products = 0.0, _Products.joined([_Products.of(each, 0.0) for each in rows])
+    if len(products.energy) < FEWEST_BLOCKS:
+        return None
+    for _ in range(ROUNDS - 1):
+        shift_s += float(products.without_each().slopes[-1, 0])
+        products = _Products.joined([_Products.of(each, shift_s) for each in rows])
+    sums = products.without_each()
+    if sums.apart[-1] > MOST_APART * sums.together[-1]:
+        return None
+    energies = (sums.energy - np.einsum("br,br->b", sums.slopes, sums.own)) / sums.samples
+    left_out, energy = energies[:-1], float(energies[-1])
+    return energy, float(np.sqrt((len(left_out) - 1) * np.var(left_out)))
+
+
+def _both(rows: Rows, shift_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The own angle with its first two derivatives, the other's with three, and the torque with its second: (3,
+    samples), (4, samples), (2, samples)."""
     assert rows.signals.other_rad is not None
-    other = rows.derivatives(rows.signals.other_rad, (2, 3), shift_s)
-    return np.stack([rows.kinematics(STILL)[1], *other, *rows.torque_derivatives((2, 3))])[:, rows.usable]
-
-
-def _means(values: FloatArray, rows: Rows) -> FloatArray:
-    length = max(1, round(BLOCK_S / (rows.signals.tick_s * rows.stride)))
-    return np.asarray(values[: values.size // length * length].reshape(-1, length).mean(axis=1))
+    own, other = rows.derivatives_of_motion((0, 1, 2)), rows.derivatives(rows.signals.other_rad, (0, 1, 2, 3), shift_s)
+    return own[:, rows.usable], other[:, rows.usable], rows.torque_derivatives((0, 2))[:, rows.usable]
