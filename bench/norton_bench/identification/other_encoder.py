@@ -16,8 +16,8 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.counts import UNIFORM_DEVIATION
 from norton_bench.identification.rows import Rows
 
-# The difference of the delays is told by a slope, which is exact for small ones: it is told again from where it led.
-ROUNDS = 3
+# Of the square of the acceleration: less changes no inertia by more than this.
+NEGLIGIBLE = 1e-4
 # Over this time encoders' errors have long forgotten what they were.
 BLOCK_S = 0.5
 FEWEST_BLOCKS = 10
@@ -49,13 +49,19 @@ def position_noise_factor(rows: Sequence[Rows]) -> float:
         float(np.average(each, weights=sizes)) if rows else 0.0
         for each in ([each.motion_noise(2) for each in rows], [_of_counts(each) for each in rows])
     )
-    told = _told(rows) if hidden > 0.0 else None
+    told = _told(rows) if hidden > NEGLIGIBLE * _acceleration_square(rows) else None
     if told is None:
         return 1.0
     energy, std = told
     if abs(energy - assumed) > IMPLAUSIBLE * np.hypot(hidden, std):
         return 1.0
     return max(1.0 + (energy / assumed - 1.0) * hidden**2 / (hidden**2 + std**2), 0.0)
+
+
+def _acceleration_square(rows: Sequence[Rows]) -> float:
+    """In the mean; 0 without rows."""
+    parts = [each.derivatives_of_motion((2,))[0, each.usable] for each in rows]
+    return float(np.mean(np.concatenate(parts) ** 2)) if parts else 0.0
 
 
 def _of_counts(rows: Rows) -> float:
@@ -128,13 +134,12 @@ class _Products:
 def _told(rows: Sequence[Rows]) -> tuple[float, float] | None:
     """The energy of a's errors and its standard deviation (jackknife over blocks); None where too little was read, or
     the two do not turn as one shaft."""
-    shift_s, products = 0.0, _Products.joined([_Products.of(each, 0.0) for each in rows])
-    if len(products.energy) < FEWEST_BLOCKS:
+    near = _Products.joined([_Products.of(each, 0.0) for each in rows])
+    if len(near.energy) < FEWEST_BLOCKS:
         return None
-    for _ in range(ROUNDS - 1):
-        shift_s += float(products.without_each().slopes[-1, 0])
-        products = _Products.joined([_Products.of(each, shift_s) for each in rows])
-    sums = products.without_each()
+    # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
+    shift_s = float(near.without_each().slopes[-1, 0])
+    sums = _Products.joined([_Products.of(each, shift_s) for each in rows]).without_each()
     if sums.apart[-1] > MOST_APART * sums.together[-1]:
         return None
     energies = (sums.energy - np.einsum("br,br->b", sums.slopes, sums.own)) / sums.samples
