@@ -19,6 +19,7 @@ from norton_bench.distributions import t_quantile
 from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
+from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
     Signals,
@@ -55,7 +56,8 @@ DRAWS = 12
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
-    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``).
+    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``). Where another
+    encoder told how great the motion's errors are, ``errors_known_to`` is the standard deviation of its logarithm.
     """
 
     measured: Measured
@@ -64,6 +66,7 @@ class Readings:
     draws: int = DRAWS
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
+    errors_known_to: float | None = None
 
 
 @dataclass(frozen=True)
@@ -116,6 +119,11 @@ class Scatter:
         return corrected, covariance * np.outer(std / stated, std / stated)
 
 
+def louder(stretches: tuple[Signals, ...], factor: float) -> tuple[Signals, ...]:
+    """The same, with so many times the variance of the motion's own errors."""
+    return tuple(replace(each, position_noise=factor * each.position_noise) for each in stretches)
+
+
 def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
     """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
     fits = [physical(each) for each in _solutions(bench)]
@@ -125,8 +133,12 @@ def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> S
 
 def _solutions(bench: "Simulation") -> Iterator[Solution]:
     """What the fit makes of each simulated record."""
-    for record in bench.records():
-        yield solve_again(signals(record, bench.readings.tick_s, bench.readings.use), bench.solution)
+    for record, random in zip(bench.records(), np.random.default_rng(1).spawn(bench.readings.draws), strict=True):
+        stretches = signals(record, bench.readings.tick_s, bench.readings.use)
+        if bench.readings.errors_known_to is not None:
+            known_to = np.exp(bench.readings.errors_known_to * random.standard_normal())
+            stretches = louder(stretches, bench.noise_factor(record, stretches) * known_to)
+        yield solve_again(stretches, bench.solution)
 
 
 @dataclass(frozen=True)
@@ -263,6 +275,19 @@ class Simulation:
         if self.other is None:
             return record
         return replace(record, load_motion=self.other.read(self._of_load, random))
+
+    def noise_factor(self, record: Measured, stretches: tuple[Signals, ...]) -> float:
+        """How many times the energy that the signals of a simulated record say of their motion's errors, in the fit's
+        band, these have in truth."""
+        errors_rad = record.motion["position_rad"] - self._of_actuator[0]
+        errors = replace(self.encoder.position, value=np.asarray(errors_rad, dtype=np.float64))
+        kernel = self.solution.regression.rows[0].kernel
+        true, stated = 0.0, 0.0
+        for stretch in stretches:
+            rows = Rows(stretch, kernel)
+            true += float(np.sum(rows.derivatives(errors.at(stretch.time_s), (2,))[0, rows.usable] ** 2))
+            stated += rows.motion_noise(2) * rows.usable.size
+        return true / stated
 
     @cached_property  # of every simulated record, as the next
     def _of_actuator(self) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.motor_values import PHYSICAL, covariance_of, physical, stated_by_name
+from norton_bench.identification.other_encoder import with_errors_seen
 from norton_bench.identification.results import (
     FitResult,
     Ground,
@@ -105,7 +106,7 @@ def fit_signals(
     solution = solution_of(stretches, port=port, findings=findings, cogging=cogging, both_driven=both_driven)
     readings = None if findings.doubts else readings
     if readings is not None:
-        readings, stretches, solution = without_ringing(readings, stretches, solution)
+        readings, stretches, solution = with_errors_seen(*without_ringing(readings, stretches, solution))
     return result_of(stretches, solution, command_unit=command_unit, findings=findings, readings=readings)
 
 

@@ -98,9 +98,10 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
     readings = Readings(measured, tick_s, Use.IDENTIFY, coupling=coupling_of(measured, tick_s))
     findings = _findings(cleaned, unseen)
     fitted = possible(fit_signals(stretches, command_unit=command_unit, findings=findings, readings=readings))
-    if fitted.ground is not None and fitted.ground.readings.measured is not measured:  # without what rang in it
+    if fitted.ground is not None:
         measured, stretches = fitted.ground.readings.measured, fitted.ground.stretches
-        unseen = validation_stretches(measured, tick_s)
+        if measured is not cleaned.measured:  # without what rang in it
+            unseen = validation_stretches(measured, tick_s)
     plain = looked_at(fitted, stretches, unseen, measured)
     best = _predicting(composed(plain, measured, command_unit=command_unit, findings=findings), measured)
     result = with_terms_named(judged(best.fitted, best.error), plain.fitted)

@@ -1,67 +1,108 @@
 """How great an encoder's errors are in a fit's band, as the other machine's encoder tells it.
 
-Both turn with one shaft, and their errors have nothing in common. Of the accelerations a and z that they show, the mean
-of a (a - z) is the energy of a's own errors, whatever they come from and whether they hide behind counts or not
-(instrumental variables: Söderström, Errors-in-Variables Methods in System Identification, 2018, ch. 6). Before, z is
-moved by the difference of both delays, and the twist of the sensor between both is taken off: it goes with the torque,
-as the angles themselves tell best.
+Both turn with one shaft. Of the accelerations a and z that they show, the mean of a (a - z) is the energy of a's own
+errors, whatever they come from and whether they hide behind counts or not (instrumental variables: Söderström,
+Errors-in-Variables Methods in System Identification, 2018, ch. 6). Before, z is moved by the difference of both delays,
+and the twist of the sensor between both is taken off: it goes with the torque, as the angles themselves tell best.
+
+Counts of both encoders err alike where a shaft moves slowly. How wrong that makes the result is seen in simulated
+records, whose errors are known.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
+from norton_bench.identification.bootstrap import Readings, Simulation, louder
 from norton_bench.identification.counts import UNIFORM_DEVIATION
+from norton_bench.identification.joint_fit import solve_again
+from norton_bench.identification.motor_values import covariance_of
 from norton_bench.identification.rows import Rows
+from norton_bench.identification.separable import Solution, normal_solution
+from norton_bench.identification.signals import Signals, signals
+from norton_bench.identification.statistics import NORMAL_95
 
-# Of the square of the acceleration: less changes no inertia by more than this.
-NEGLIGIBLE = 1e-4
-# Over this time encoders' errors have long forgotten what they were.
+# Deviations. Errors that change no value by more than this when they are not undone need not be known any better.
+NEGLIGIBLE = 0.1
+DRAWS = 6
+# The angle between the encoders is looked at within blocks of this length: slower, an encoder's own error that goes
+# with its angle is greater than the twist.
 BLOCK_S = 0.5
-FEWEST_BLOCKS = 10
 # Of the squares of the velocities' difference and their sum: they are equal where one of both stands still.
 MOST_APART = 0.1
-# Deviations. What differs by more than this is no encoder's error.
-IMPLAUSIBLE = 3.0
+# Deviations within which the most likely energy is sought, in so many places.
+PLAUSIBLE, PLACES = 3.0, 1001
 
 
-def with_errors_seen(rows: tuple[Rows, ...]) -> tuple[Rows, ...]:
-    """The rows of a regression, each with the density of its encoder's errors as far as another encoder tells it."""
-    factor = position_noise_factor([each for each in rows if each.signals.other_rad is not None])
-    if factor == 1.0:
-        return rows
-    return tuple(
-        replace(each, signals=replace(each.signals, position_noise=factor * each.signals.position_noise))
-        for each in rows
-    )
+def with_errors_seen(
+    readings: Readings, stretches: tuple[Signals, ...], solution: Solution
+) -> tuple[Readings, tuple[Signals, ...], Solution]:
+    """Readings, signals and solution with what another encoder tells; unchanged where it tells nothing, or where these
+    errors do not matter.
 
-
-def position_noise_factor(rows: Sequence[Rows]) -> float:
-    """How many times the density that readings alone tell is the true one, in the rows' band, on average.
-
-    Noise of as much as the counts' own errors may hide behind counts: that is the deviation of what readings tell, and
-    the two are weighed by their variances. It is 1 where there are no counts, or another encoder tells nothing.
+    What readings alone tell is the most likely energy beforehand, and noise of as much as the counts' own errors, which
+    can hide behind them, its deviation: of the logarithm, for no energy is below zero.
     """
-    sizes = [each.usable.size for each in rows]
-    assumed, hidden = (
-        float(np.average(each, weights=sizes)) if rows else 0.0
-        for each in ([each.motion_noise(2) for each in rows], [_of_counts(each) for each in rows])
-    )
-    told = _told(rows) if hidden > NEGLIGIBLE * _acceleration_square(rows) else None
-    if told is None:
-        return 1.0
-    energy, std = told
-    if abs(energy - assumed) > IMPLAUSIBLE * np.hypot(hidden, std):
-        return 1.0
-    return max(1.0 + (energy / assumed - 1.0) * hidden**2 / (hidden**2 + std**2), 0.0)
+    as_read = readings, stretches, solution
+    if not solution.converged or solution.free_motion:
+        return as_read
+    rows = _rows(stretches, solution)
+    shown = _shown(rows)
+    if shown is None or not _matter(solution):
+        return as_read
+    assumed, hidden = _mean(rows, [each.motion_noise(2) for each in rows]), _mean(rows, [_of_counts(e) for e in rows])
+    if hidden == 0.0:
+        return as_read
+    off = _errors_of_simulated(Simulation.of(replace(readings, draws=DRAWS), stretches, solution))
+    energy = shown - float(np.mean(off))
+    few = t_quantile(0.975, DRAWS - 1) / NORMAL_95 * np.sqrt(1.0 + 1.0 / DRAWS)
+    std = few * float(np.std(off, ddof=1))
+    if std > hidden:
+        return as_read
+    factor, known_to = _likeliest(energy / assumed, std / assumed, hidden / assumed)
+    stretches = louder(stretches, factor)
+    return replace(readings, errors_known_to=known_to), stretches, solve_again(stretches, solution)
 
 
-def _acceleration_square(rows: Sequence[Rows]) -> float:
-    """In the mean; 0 without rows."""
-    parts = [each.derivatives_of_motion((2,))[0, each.usable] for each in rows]
-    return float(np.mean(np.concatenate(parts) ** 2)) if parts else 0.0
+def _matter(solution: Solution) -> bool:
+    """Whether the fit's values, at which errors of the motion are undone, would be others if they were not."""
+    jacobian, undone = solution.jacobian.T, solution.contamination
+    pull = np.zeros(undone.size)
+    pull[:5] = undone[:5] * solution.linear[:5]
+    change = normal_solution(jacobian, pull, undone)
+    return bool(np.any(np.abs(change) > NEGLIGIBLE * np.sqrt(np.diag(covariance_of(solution)))))
+
+
+def _likeliest(seen: float, std: float, hidden: float) -> tuple[float, float]:
+    """The most likely factor, and the standard deviation of its logarithm."""
+    deviations, prior_std = np.linspace(-PLAUSIBLE, PLAUSIBLE, PLACES), np.log1p(hidden)
+    off = (np.exp(deviations * prior_std) - seen) / std
+    factor = float(np.exp(prior_std * deviations[np.argmin(deviations**2 + off**2)]))
+    return factor, float(1.0 / np.sqrt(1.0 / prior_std**2 + (factor / std) ** 2))
+
+
+def _errors_of_simulated(bench: Simulation) -> FloatArray:
+    """By how much the result is too great in each simulated record, (draws,)."""
+    off = []
+    for record in bench.records():
+        stretches = signals(record, bench.readings.tick_s, bench.readings.use)
+        rows = _rows(stretches, bench.solution)
+        stated = _mean(rows, [each.motion_noise(2) for each in rows])
+        shown = _shown(rows)
+        off.append((0.0 if shown is None else shown) - bench.noise_factor(record, stretches) * stated)
+    return np.array(off)
+
+
+def _rows(stretches: Sequence[Signals], solution: Solution) -> list[Rows]:
+    """In the fit's band."""
+    return [Rows(each, solution.regression.rows[0].kernel) for each in stretches]
+
+
+def _mean(rows: Sequence[Rows], values: Sequence[float]) -> float:
+    return float(np.average(values, weights=[each.usable.size for each in rows]))
 
 
 def _of_counts(rows: Rows) -> float:
@@ -71,80 +112,47 @@ def _of_counts(rows: Rows) -> float:
     return density / signals.position_noise * rows.motion_noise(2) if density > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
-class _Products:
-    """Sums over blocks, shape (blocks, ...).
-
-    The angle between both encoders has two regressors, the other's velocity (for the delay) and the torque, and two
-    instruments, the own velocity (for the other's has errors) and the torque. ``matrix`` (2, 2) is of instruments and
-    regressors, without the torque's own noise, ``right`` (2,) of instruments and the angle, ``own`` (2,) of a and the
-    regressors' second derivatives, ``energy`` of a and a - z. ``apart`` is the square of both velocities' difference,
-    ``together`` that of their sum, ``samples`` how many there are.
-    """
-
-    matrix: FloatArray
-    right: FloatArray
-    own: FloatArray
-    energy: FloatArray
-    apart: FloatArray
-    together: FloatArray
-    samples: FloatArray
-
-    @classmethod
-    def of(cls, rows: Rows, shift_s: float) -> "_Products":
-        """With the other encoder read ``shift_s`` later."""
-        length = max(1, round(BLOCK_S / (rows.signals.tick_s * rows.stride)))
-        own, other, torque = (
-            each[:, : each.shape[1] // length * length].reshape(len(each), -1, length) for each in _both(rows, shift_s)
-        )
-        about = [each - each.mean(axis=-1, keepdims=True) for each in (own[1], other[1], torque[0], own[0] - other[0])]
-        instruments, regressors = np.stack([about[0], about[2]]), np.stack([about[1], about[2]])
-        samples = np.full(own.shape[1], float(length))
-        matrix = np.einsum("ibn,rbn->bir", instruments, regressors)
-        matrix[:, 1, 1] -= samples * rows.torque_noise(0)
-        return cls(
-            matrix,
-            np.einsum("ibn,bn->bi", instruments, about[3]),
-            np.einsum("rbn,bn->br", np.stack([other[3], torque[1]]), own[2]),
-            np.einsum("bn,bn->b", own[2], own[2] - other[2]),
-            np.sum((own[1] - other[1]) ** 2, axis=1),
-            np.sum((own[1] + other[1]) ** 2, axis=1),
-            samples,
-        )
-
-    @classmethod
-    def joined(cls, parts: Sequence["_Products"]) -> "_Products":
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__))
-
-    def without_each(self) -> "_Products":
-        """Of all blocks but one, and of all of them at the end, (blocks + 1, ...)."""
-        each = (getattr(self, name) for name in self.__dataclass_fields__)
-        return _Products(*(np.concatenate([sums.sum(0) - sums, sums.sum(0)[None]]) for sums in each))
-
-    @property
-    def slopes(self) -> FloatArray:
-        """Of the delay [s] and of the twist, (..., 2); none of a regressor that is nowhere seen."""
-        size = np.sqrt(np.abs(np.einsum("...ii->...i", self.matrix)))
-        size = np.where(size > 0.0, size, 1.0)
-        scaled = self.matrix / size[..., :, None] / size[..., None, :]
-        found = np.linalg.pinv(scaled) @ (self.right / size)[..., None]
-        return np.asarray(found[..., 0] / size)
-
-
-def _told(rows: Sequence[Rows]) -> tuple[float, float] | None:
-    """The energy of a's errors and its standard deviation (jackknife over blocks); None where too little was read, or
-    the two do not turn as one shaft."""
-    near = _Products.joined([_Products.of(each, 0.0) for each in rows])
-    if len(near.energy) < FEWEST_BLOCKS:
+def _shown(rows: Sequence[Rows]) -> float | None:
+    """The mean of a (a - z) without twist and delay; None where no other encoder was read throughout, or where the two
+    do not turn as one shaft."""
+    if any(each.signals.other_rad is None for each in rows):
         return None
     # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
-    shift_s = float(near.without_each().slopes[-1, 0])
-    sums = _Products.joined([_Products.of(each, shift_s) for each in rows]).without_each()
-    if sums.apart[-1] > MOST_APART * sums.together[-1]:
-        return None
-    energies = (sums.energy - np.einsum("br,br->b", sums.slopes, sums.own)) / sums.samples
-    left_out, energy = energies[:-1], float(energies[-1])
-    return energy, float(np.sqrt((len(left_out) - 1) * np.var(left_out)))
+    shift_s = float(_slopes(rows, 0.0)[0])
+    slopes = _slopes(rows, shift_s)
+    energy, apart, together, samples = 0.0, 0.0, 0.0, 0
+    for each in rows:
+        own, other, torque = _both(each, shift_s)
+        energy += float(own[2] @ (own[2] - other[2] - slopes[0] * other[3] - slopes[1] * torque[1]))
+        apart += float(np.sum((own[1] - other[1]) ** 2))
+        together += float(np.sum((own[1] + other[1]) ** 2))
+        samples += own.shape[1]
+    return None if apart > MOST_APART * together else energy / samples
+
+
+def _slopes(rows: Sequence[Rows], shift_s: float) -> FloatArray:
+    """Of the angle between both, with the other encoder read ``shift_s`` later: with the other's velocity (the delay
+    [s]), and with the torque (the compliance [rad/(N m)]), (2,).
+
+    The own velocity is the instrument for the other's, whose errors are in the angle; of the square of the torque its
+    own noise is taken off."""
+    matrix, right = np.zeros((2, 2)), np.zeros(2)
+    for each in rows:
+        own, other, torque = (_about_blocks(values, each) for values in _both(each, shift_s))
+        instruments, regressors = np.stack([own[1], torque[0]]), np.stack([other[1], torque[0]])
+        matrix += instruments @ regressors.T
+        matrix[1, 1] -= torque[0].size * each.torque_noise(0)
+        right += instruments @ (own[0] - other[0])
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[size == 0.0] = 1.0
+    return np.asarray(np.linalg.pinv(matrix / np.outer(size, size)) @ (right / size) / size)
+
+
+def _about_blocks(values: FloatArray, rows: Rows) -> FloatArray:
+    """About the mean of each block, (signals, samples)."""
+    length = max(1, round(BLOCK_S / rows.signals.tick_s))
+    blocks = values[:, : values.shape[1] // length * length].reshape(len(values), -1, length)
+    return np.asarray((blocks - blocks.mean(axis=-1, keepdims=True)).reshape(len(values), -1))
 
 
 def _both(rows: Rows, shift_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -20,7 +20,6 @@ from norton_bench.identification import loops
 from norton_bench.identification.fed_back import SharedErrors
 from norton_bench.identification.friction_operators import linear_basis
 from norton_bench.identification.kernels import Kernel
-from norton_bench.identification.other_encoder import with_errors_seen
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.shape import (
     COULOMB,
@@ -118,8 +117,7 @@ class Regression:
         free_motion: bool = False,
         cogging: tuple[float, ...] = (),
     ) -> "Regression":
-        rows = tuple(Rows(stretch, kernel, stride) for stretch in stretches)
-        return cls(with_errors_seen(rows), free_motion, cogging)
+        return cls(tuple(Rows(stretch, kernel, stride) for stretch in stretches), free_motion, cogging)
 
     def with_terms(self, terms: Sequence[NetworkTerm], zero_nm: float, middle_s: float) -> "Regression":
         """The same for shapes with such terms; ``zero_nm`` is that of the torque sensor, ``middle_s`` the session's."""

@@ -21,7 +21,6 @@ from norton_bench.identification.coupling import DAMPING_RATIO, UNKNOWNS, Coupli
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.readings import nominal_period_s
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution, solve_again
 from norton_bench.identification.shape import GAIN
 from norton_bench.identification.signals import Signals, TimeSeries, instants, signals, validation_stretches
@@ -76,7 +75,7 @@ class Ringing:
         """These readings, filtered as the fit's rows in ``band`` are, (samples,)."""
         stream = replace(self.simulation.torque, value=torque_nm)
         ringing = tuple(replace(each, torque_nm=self._at(each.time_s, stream)) for each in self.stretches)
-        return Regression(tuple(Rows(each, band) for each in ringing)).target()
+        return Regression.of(ringing, band).target()
 
     def _at(self, time_s: FloatArray, stream: TimeSeries) -> FloatArray:
         """Resampled; zero outside the spans, (n,)."""
