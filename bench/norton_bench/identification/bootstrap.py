@@ -182,8 +182,8 @@ class Encoder:
 class Simulation:
     """The bench as it was measured, with the fit for its actuator.
 
-    The load turns as the actuator does; what the torque twists the sensor between them would add to both encoders'
-    difference alone. ``other`` is None where no load was read.
+    The load turns as the actuator does, less what the torque twists the sensor between them. ``other`` is None where no
+    load was read.
     """
 
     readings: Readings
@@ -195,6 +195,7 @@ class Simulation:
     torque: TimeSeries
     torque_errors: ReadingErrors
     travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
+    compliance_rad_nm: float = 0.0  # of the sensor
 
     @classmethod
     def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
@@ -265,6 +266,7 @@ class Simulation:
             seen = self.seen(truth)
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
             seen_at_all[seen] = True
+        torque = replace(self.torque, value=torque_nm)
         rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
         motion = self.encoder.read(self._of_actuator, random)
         drawn_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
@@ -274,7 +276,7 @@ class Simulation:
         record = replace(self.readings.measured, motion=motion, torque=_with(self.torque_rows, "torque_nm", torque_nm))
         if self.other is None:
             return record
-        return replace(record, load_motion=self.other.read(self._of_load, random))
+        return replace(record, load_motion=self.other.read(self._of_load(torque), random))
 
     def noise_factor(self, record: Measured, stretches: tuple[Signals, ...]) -> float:
         """How many times the energy that the signals of a simulated record say of their motion's errors, in the fit's
@@ -294,9 +296,16 @@ class Simulation:
         return self.encoder.along(self.truths)
 
     @cached_property
-    def _of_load(self) -> tuple[FloatArray, FloatArray]:
+    def _of_untwisted_load(self) -> tuple[FloatArray, FloatArray]:
         assert self.other is not None
         return self.other.along(self.truths)
+
+    def _of_load(self, torque: TimeSeries) -> tuple[FloatArray, FloatArray]:
+        """Its motion under this torque, at its own readings."""
+        assert self.other is not None
+        (position_rad, velocity_rad_s), time_s = self._of_untwisted_load, self.other.position.time_s
+        at_nm = np.interp(time_s - self.solution.shape.motion_delay_s, torque.time_s, torque.value)
+        return position_rad - self.compliance_rad_nm * at_nm, velocity_rad_s
 
     def _torque(
         self, truth: SimulatedStretch, time_s: FloatArray, coupling: Coupling | None, random: np.random.Generator

@@ -10,7 +10,7 @@ records, whose errors are known.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from norton_bench.identification.statistics import NORMAL_95
 # Deviations. Errors that change no value by more than this when they are not undone need not be known any better.
 NEGLIGIBLE = 0.1
 DRAWS = 6
+# Deviations: another encoder is asked where it tells noise as great as the counts' own from none.
+TELLING = 2.0
 # The angle between the encoders is looked at within blocks of this length: slower, an encoder's own error that goes
 # with its angle is greater than the twist.
 BLOCK_S = 0.5
@@ -50,17 +52,18 @@ def with_errors_seen(
     if not solution.converged or solution.free_motion:
         return as_read
     rows = _rows(stretches, solution)
-    shown = _shown(rows)
+    shown = _shown(rows, solution.shape.motion_delay_s)
     if shown is None or not _matter(solution):
         return as_read
     assumed, hidden = _mean(rows, [each.motion_noise(2) for each in rows]), _mean(rows, [_of_counts(e) for e in rows])
     if hidden == 0.0:
         return as_read
-    off = _errors_of_simulated(Simulation.of(replace(readings, draws=DRAWS), stretches, solution))
-    energy = shown - float(np.mean(off))
+    bench = Simulation.of(replace(readings, draws=DRAWS), stretches, solution)
+    off = _errors_of_simulated(replace(bench, compliance_rad_nm=shown.compliance_rad_nm))
+    energy = shown.energy - float(np.mean(off))
     few = t_quantile(0.975, DRAWS - 1) / NORMAL_95 * np.sqrt(1.0 + 1.0 / DRAWS)
     std = few * float(np.std(off, ddof=1))
-    if std > hidden:
+    if std * TELLING > hidden:
         return as_read
     factor, known_to = _likeliest(energy / assumed, std / assumed, hidden / assumed)
     stretches = louder(stretches, factor)
@@ -91,8 +94,8 @@ def _errors_of_simulated(bench: Simulation) -> FloatArray:
         stretches = signals(record, bench.readings.tick_s, bench.readings.use)
         rows = _rows(stretches, bench.solution)
         stated = _mean(rows, [each.motion_noise(2) for each in rows])
-        shown = _shown(rows)
-        off.append((0.0 if shown is None else shown) - bench.noise_factor(record, stretches) * stated)
+        shown = _shown(rows, bench.solution.shape.motion_delay_s)
+        off.append((0.0 if shown is None else shown.energy) - bench.noise_factor(record, stretches) * stated)
     return np.array(off)
 
 
@@ -112,33 +115,41 @@ def _of_counts(rows: Rows) -> float:
     return density / signals.position_noise * rows.motion_noise(2) if density > 0.0 else 0.0
 
 
-def _shown(rows: Sequence[Rows]) -> float | None:
-    """The mean of a (a - z) without twist and delay; None where no other encoder was read throughout, or where the two
-    do not turn as one shaft."""
+@dataclass(frozen=True)
+class Shown:
+    """What the other encoder makes of the energy of a's errors, and the sensor's compliance that it found for it."""
+
+    energy: float
+    compliance_rad_nm: float
+
+
+def _shown(rows: Sequence[Rows], motion_delay_s: float) -> Shown | None:
+    """The mean of a (a - z) without twist and delay, where motion comes later than torque by ``motion_delay_s``; None
+    where no other encoder was read throughout, or where the two do not turn as one shaft."""
     if any(each.signals.other_rad is None for each in rows):
         return None
     # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
-    shift_s = float(_slopes(rows, 0.0)[0])
-    slopes = _slopes(rows, shift_s)
+    delays_s = (motion_delay_s, motion_delay_s + float(_slopes(rows, (motion_delay_s, motion_delay_s))[0]))
+    slopes = _slopes(rows, delays_s)
     energy, apart, together, samples = 0.0, 0.0, 0.0, 0
     for each in rows:
-        own, other, torque = _both(each, shift_s)
+        own, other, torque = _both(each, delays_s)
         energy += float(own[2] @ (own[2] - other[2] - slopes[0] * other[3] - slopes[1] * torque[1]))
         apart += float(np.sum((own[1] - other[1]) ** 2))
         together += float(np.sum((own[1] + other[1]) ** 2))
         samples += own.shape[1]
-    return None if apart > MOST_APART * together else energy / samples
+    return None if apart > MOST_APART * together else Shown(energy / samples, float(slopes[1]))
 
 
-def _slopes(rows: Sequence[Rows], shift_s: float) -> FloatArray:
-    """Of the angle between both, with the other encoder read ``shift_s`` later: with the other's velocity (the delay
-    [s]), and with the torque (the compliance [rad/(N m)]), (2,).
+def _slopes(rows: Sequence[Rows], delays_s: tuple[float, float]) -> FloatArray:
+    """Of the angle between both, whose delays on the torque's clock are ``delays_s``, (2,): with the other's velocity
+    (the delay [s]), and with the torque (the compliance [rad/(N m)]).
 
     The own velocity is the instrument for the other's, whose errors are in the angle; of the square of the torque its
     own noise is taken off."""
     matrix, right = np.zeros((2, 2)), np.zeros(2)
     for each in rows:
-        own, other, torque = (_about_blocks(values, each) for values in _both(each, shift_s))
+        own, other, torque = (_about_blocks(values, each) for values in _both(each, delays_s))
         instruments, regressors = np.stack([own[1], torque[0]]), np.stack([other[1], torque[0]])
         matrix += instruments @ regressors.T
         matrix[1, 1] -= torque[0].size * each.torque_noise(0)
@@ -155,9 +166,10 @@ def _about_blocks(values: FloatArray, rows: Rows) -> FloatArray:
     return np.asarray((blocks - blocks.mean(axis=-1, keepdims=True)).reshape(len(values), -1))
 
 
-def _both(rows: Rows, shift_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _both(rows: Rows, delays_s: tuple[float, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The own angle with its first two derivatives, the other's with three, and the torque with its second: (3,
     samples), (4, samples), (2, samples)."""
     assert rows.signals.other_rad is not None
-    own, other = rows.derivatives_of_motion((0, 1, 2)), rows.derivatives(rows.signals.other_rad, (0, 1, 2, 3), shift_s)
+    own = rows.of_fine_signal(rows.signals.position_rad, (0, 1, 2), delays_s[0])
+    other = rows.derivatives(rows.signals.other_rad, (0, 1, 2, 3), delays_s[1])
     return own[:, rows.usable], other[:, rows.usable], rows.torque_derivatives((0, 2))[:, rows.usable]

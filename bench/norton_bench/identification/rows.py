@@ -137,10 +137,6 @@ class Rows:
             return np.zeros((len(derivatives), self.count))
         return self._derivatives(torque, derivatives, 0.0, self.kernel)
 
-    def derivatives_of_motion(self, derivatives: tuple[int, ...]) -> FloatArray:
-        """As read, on the motion's own clock, (derivatives, count)."""
-        return self.of_fine_signal(self._grid(self.signals.position_rad), derivatives, 0.0)
-
     def _derivatives(
         self, values: FloatArray, derivatives: tuple[int, ...], shift_s: float, kernel: Kernel
     ) -> FloatArray:

@@ -64,16 +64,16 @@ def test_the_energy_of_its_errors_is_the_true_one_whatever_they_come_from(fine, 
     if other == "coarse":
         coarse = read(coarse, name="load_motion", noise=1.0)
     rows = rows_of(coarse)
-    assert _shown(rows) == pytest.approx(true_energy(rows, rows_of(fine)), rel=0.07)
+    assert _shown(rows, 0.0).energy == pytest.approx(true_energy(rows, rows_of(fine)), rel=0.07)
 
 
 def test_a_load_that_does_not_turn_with_the_shaft_or_is_not_read_throughout_tells_nothing(fine):
     coarse, load = read(fine), fine.load_motion
     still = load.copy()
     still["position_rad"] = still["position_rad"][0]
-    assert _shown(rows_of(replace(coarse, load_motion=still))) is None
+    assert _shown(rows_of(replace(coarse, load_motion=still)), 0.0) is None
     for other in (load[:0], np.concatenate([load[:5000], load[5200:]])):
-        assert _shown(rows_of(replace(coarse, load_motion=other))) is None
+        assert _shown(rows_of(replace(coarse, load_motion=other)), 0.0) is None
 
 
 def seen(measured):
