@@ -56,8 +56,9 @@ DRAWS = 12
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
-    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``). Where another
-    encoder told how great the motion's errors are, ``errors_known_to`` is the standard deviation of its logarithm.
+    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``); that moved the
+    fit's values by ``ringing_moved`` (9,), in the order of ``physical``. Where another encoder told how great the
+    motion's errors are, ``errors_known_to`` is the standard deviation of the logarithm.
     """
 
     measured: Measured
@@ -66,6 +67,7 @@ class Readings:
     draws: int = DRAWS
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
+    ringing_moved: FloatArray | None = None
     errors_known_to: float | None = None
 
 

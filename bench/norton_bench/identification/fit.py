@@ -265,13 +265,21 @@ def _values(
 def _simulated(
     bench: Simulation, values: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, Simulated]:
-    """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before."""
+    """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before.
+
+    Ringing is faster than anything that was measured of the motors: what its subtraction changes is known as a bias is
+    (``Scatter.bias_std``), over and above how well the readings tell the spring.
+    """
     scatter = scatter_of(bench, values, physical)
     of_residual = stated_by_name(bench.solution, values, covariance)
     repeated_std, excess = (
         dict(zip(of_residual, each.tolist(), strict=True)) for each in (scatter.bias_std, scatter.excess(covariance))
     )
-    return *scatter.applied(values, covariance), Simulated(of_residual, repeated_std, excess, bench)
+    values, covariance = scatter.applied(values, covariance)
+    if (moved := bench.readings.ringing_moved) is not None:
+        covariance = covariance.copy()
+        covariance[: moved.size, : moved.size] += np.outer(moved, moved) / 3.0
+    return values, covariance, Simulated(of_residual, repeated_std, excess, bench)
 
 
 def _in_terms_of_network(

@@ -19,6 +19,7 @@ from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.identification.bootstrap import Readings, Simulation
 from norton_bench.identification.coupling import DAMPING_RATIO, UNKNOWNS, Coupling, Prior
 from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.motor_values import physical
 from norton_bench.identification.readings import nominal_period_s
 from norton_bench.identification.regression import Regression
 from norton_bench.identification.separable import Solution, solve_again
@@ -163,7 +164,7 @@ def without_ringing(
         return as_read
     if coupling.resonance_hz(inertia_of(solution)) < 0.5 * _rate_hz(readings):
         return as_read
-    unseen = validation_stretches(readings.measured, readings.tick_s)
+    unseen, before = validation_stretches(readings.measured, readings.tick_s), physical(solution)[0]
     quiet, springs = readings, tuple[Coupling, ...]()
     for _ in range(ROUNDS):
         simulation = Simulation.without_errors(quiet, stretches, solution)
@@ -177,7 +178,7 @@ def without_ringing(
         solution = solve_again(stretches, solution)
         if not solution.converged:
             return as_read
-    return quiet, stretches, solution
+    return replace(quiet, ringing_moved=physical(solution)[0] - before), stretches, solution
 
 
 def remark_on(readings: Readings, inertia_kgm2: float) -> tuple[str, ...]:

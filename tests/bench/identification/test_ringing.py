@@ -10,7 +10,7 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling, Prior
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
-from norton_bench.identification.fit import fit, solution_of
+from norton_bench.identification.fit import fit, result_of, solution_of
 from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.loops import oscillator_with_contact
 from norton_bench.identification.model_error import folded_ringing
@@ -155,7 +155,7 @@ def test_parameters_biased_by_ringing_are_corrected(resonance_hz, presliding_dam
     spring = Coupling(calibrated * stiffness, off * stiffness, 0.0, 0.01, *load, delay_s, sent_s, told_nm)
     before = solution_of(stretches)
     readings = Readings(measured, TICK_S, Use.IDENTIFY, coupling=spring)
-    quiet, _, after = without_ringing(readings, stretches, before)
+    quiet, stretches, after = without_ringing(readings, stretches, before)
     assert quiet.coupling.stiffness_nm_rad == pytest.approx(stiffness, abs=3.0 * quiet.coupling.stiffness_std_nm_rad)
     assert "oscillate on the torque sensor's spring" in remark_on(quiet, Truth().inertia)[0]
 
@@ -166,6 +166,11 @@ def test_parameters_biased_by_ringing_are_corrected(resonance_hz, presliding_dam
 
     assert worst_error(before) > 10.0
     assert worst_error(after) < 5.0
+    assert quiet.ringing_moved == pytest.approx(physical(after)[0] - physical(before)[0])
+    result = result_of(stretches, after, command_unit="N*m", readings=replace(quiet, draws=2))
+    for estimate, true, moved in zip(result.estimates, truth.array(), quiet.ringing_moved, strict=False):
+        assert abs(estimate.value - true) < 3.0 * estimate.std
+        assert estimate.std > abs(moved) / np.sqrt(3.0)
 
 
 def test_a_bench_that_does_not_ring_stays_as_it_was_read(brief, result_of_brief):
