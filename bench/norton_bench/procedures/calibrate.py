@@ -16,6 +16,7 @@ from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Port, signals
+from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions
@@ -147,7 +148,7 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
-        sensor_damping_nms_rad=max(fit.sensor_damping_nms_rad, least_sensor_damping_nms_rad(fit, actuator)),
+        sensor_damping_nms_rad=least_sensor_damping_nms_rad(fit, actuator),
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
@@ -226,7 +227,11 @@ def well_known(actuator: FitResult) -> bool:
 
 
 def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
-    """The least damping that the sensor can have at the resonance of the two machines on it, whatever the fit gives."""
+    """The lower end of its 95 % interval, and no less than the least of a joint at the resonance of both machines.
+
+    A feedback that is stable with too much damping may not be with what the sensor has.
+    """
     actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
-    return least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)
+    of_joint = least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)
+    return max(fit.sensor_damping_nms_rad - NORMAL_95 * fit.sensor_damping_std_nms_rad, of_joint)
