@@ -9,9 +9,11 @@ from scipy.stats import truncnorm
 
 from norton_bench.control.design import design_tracking
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.load import fit_load
 from norton_bench.models.parameters import Estimate, Status
-from norton_bench.procedures.calibrate import likely_presliding_damping_nms_rad
+from norton_bench.procedures.calibrate import least_sensor_damping_nms_rad, likely_presliding_damping_nms_rad
 from tests.bench.control.test_design import CALIBRATION, TICK_S
+from tests.bench.identification import synthetic
 
 
 @dataclass(frozen=True)
@@ -69,3 +71,13 @@ def test_no_feedback_is_stable_with_a_contact_that_rings_for_ever_but_with_a_lik
         design_tracking(coarse, TICK_S)
     likely = likely_presliding_damping_nms_rad(Machine(0.0, 5.7e-3))
     assert design_tracking(replace(coarse, presliding_damping_nms_rad=likely), TICK_S).gentler <= 8.0
+
+
+def test_the_spring_is_told_damped_by_no_more_than_is_sure() -> None:
+    """18 ± 6 mN·m·s/rad were found of a sensor that has 10: a feedback for 18 grew within 0.2 s."""
+    fit = fit_load(synthetic.calibration(1, duration_s=4.0), TICK_S)
+    sure, unsure = (replace(fit, sensor_damping_nms_rad=0.0184, sensor_damping_std_nms_rad=std) for std in (0.006, 0.1))
+    assert least_sensor_damping_nms_rad(sure, None) == pytest.approx(0.0184 - 1.96 * 0.006, rel=1e-3)
+    mobility = 1.0 / fit.result.network.inertia_kgm2
+    least = 2.0 * 0.005 * np.sqrt(fit.sensor_stiffness_nm_rad / mobility)
+    assert least_sensor_damping_nms_rad(unsure, None) == pytest.approx(least)
