@@ -43,7 +43,7 @@ class LoadCalibration:
     command_delay_s: float  # from sending a command to the amplifier acting on it
     measurement_delay_s: float  # from the torque at the port to its reading's arrival
     sensor_stiffness_nm_rad: float
-    sensor_damping_nms_rad: float
+    sensor_damping_nms_rad: float  # no more than it surely has
     torque_noise_nm: float  # standard deviation of one reading
     torque_bias_nm: float
     position_resolution_rad: float

@@ -19,6 +19,7 @@ from norton_bench.distributions import t_quantile
 from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
+from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
@@ -53,12 +54,29 @@ DRAWS = 12
 
 
 @dataclass(frozen=True)
+class ErrorsSeen:
+    """The energy of an encoder's errors in the fit's band, as another encoder shows it.
+
+    ``factor`` is how many times the energy that its own readings show, ``known_to`` the standard deviation of its
+    logarithm. It moved the fit's values by ``moved`` (9,), in the order of ``physical``.
+    """
+
+    factor: float
+    known_to: float
+    moved: FloatArray
+
+    def of(self, stretches: tuple[Signals, ...]) -> tuple[Signals, ...]:
+        """Signals as they were read, with this energy."""
+        return louder(stretches, self.factor)
+
+
+@dataclass(frozen=True)
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
     ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``); that moved the
-    fit's values by ``ringing_moved`` (9,), in the order of ``physical``. Where another encoder told how great the
-    motion's errors are, ``errors_known_to`` is the standard deviation of the logarithm.
+    fit's values by ``ringing_moved`` (9,), in the order of ``physical``: those of the motor without a joint.
+    ``errors_seen`` is what another encoder tells of the errors of the motion's readings, if it does.
     """
 
     measured: Measured
@@ -68,7 +86,7 @@ class Readings:
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
     ringing_moved: FloatArray | None = None
-    errors_known_to: float | None = None
+    errors_seen: "ErrorsSeen | None" = None
 
 
 @dataclass(frozen=True)
@@ -126,6 +144,12 @@ def louder(stretches: tuple[Signals, ...], factor: float) -> tuple[Signals, ...]
     return tuple(replace(each, position_noise=factor * each.position_noise) for each in stretches)
 
 
+def stated_energy(stretches: tuple[Signals, ...], kernel: Kernel) -> float:
+    """Of the acceleration's errors in a band, as the readings alone show it, in the mean [rad²/s⁴]."""
+    rows = [Rows(each, kernel) for each in stretches]
+    return float(np.average([each.motion_noise(2) for each in rows], weights=[each.usable.size for each in rows]))
+
+
 def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
     """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
     fits = [physical(each) for each in _solutions(bench)]
@@ -135,11 +159,14 @@ def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> S
 
 def _solutions(bench: "Simulation") -> Iterator[Solution]:
     """What the fit makes of each simulated record."""
+    kernel = bench.solution.regression.rows[0].kernel
     for record, random in zip(bench.records(), np.random.default_rng(1).spawn(bench.readings.draws), strict=True):
         stretches = signals(record, bench.readings.tick_s, bench.readings.use)
-        if bench.readings.errors_known_to is not None:
-            known_to = np.exp(bench.readings.errors_known_to * random.standard_normal())
-            stretches = louder(stretches, bench.noise_factor(record, stretches) * known_to)
+        if (seen := bench.readings.errors_seen) is not None:
+            off = np.exp(seen.known_to * random.standard_normal())
+            stretches = louder(
+                stretches, off * bench.error_energy(record, stretches) / stated_energy(stretches, kernel)
+            )
         yield solve_again(stretches, bench.solution)
 
 
@@ -159,8 +186,9 @@ class Encoder:
         rows = table[instants(table, origin_ns)[1]]
         return cls(rows, positions_of(rows, origin_ns), positions_late_s(rows, origin_ns))
 
-    def with_errors(self, step_rad: float) -> "Encoder":
-        """With the errors that its own readings show."""
+    def with_errors(self) -> "Encoder":
+        """With the errors that its own readings show; counts are told by what was read, and by nothing made of it."""
+        step_rad = resolution_rad(np.asarray(self.rows["position_rad"], dtype=np.float64))
         return replace(self, errors=ReadingErrors.of(self.position, step_rad))
 
     def along(self, truths: Sequence[SimulatedStretch]) -> tuple[FloatArray, FloatArray]:
@@ -184,25 +212,25 @@ class Encoder:
 class Simulation:
     """The bench as it was measured, with the fit for its actuator.
 
-    The load turns as the actuator does, less what the torque twists the sensor between them. ``other`` is None where no
-    load was read.
+    ``other`` is the load's encoder, None where it stays as it was read: the load turns as the actuator does, less what
+    the torque twists the sensor between them.
     """
 
     readings: Readings
     solution: Solution
     truths: tuple[SimulatedStretch, ...]
     encoder: Encoder
-    other: Encoder | None
     torque_rows: Table
     torque: TimeSeries
     torque_errors: ReadingErrors
     travel_s: FloatArray  # of commands, about its mean: as readings on the same wire had it
+    other: Encoder | None = None
     compliance_rad_nm: float = 0.0  # of the sensor
 
     @classmethod
     def of(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
         """With the errors of its own readings."""
-        return cls.without_errors(readings, stretches, solution)._with_errors(stretches[0].count_rad)
+        return cls.without_errors(readings, stretches, solution)._with_errors()
 
     @classmethod
     def without_errors(cls, readings: Readings, stretches: tuple[Signals, ...], solution: Solution) -> "Simulation":
@@ -217,21 +245,17 @@ class Simulation:
             solution,
             tuple(SimulatedStretch.of(stretch, solution, readings.coupling) for stretch in stretches),
             encoder,
-            Encoder.of(measured.load_motion, origin_ns) if len(measured.load_motion) else None,
             torque_rows,
             torque,
             NO_ERRORS,
             _one_way_s(travel_times_s(measured.motion), encoder.late_s),
         )
 
-    def _with_errors(self, count_rad: float) -> "Simulation":
+    def _with_errors(self) -> "Simulation":
         """As measured, without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
         seen = ReadingErrors.of(self.torque, resolution_rad(self.torque.value))
-        other = self.other
-        if other is not None:
-            other = other.with_errors(resolution_rad(other.position.value))
-        bench = replace(self, encoder=self.encoder.with_errors(count_rad), other=other)
+        bench = replace(self, encoder=self.encoder.with_errors())
         even = replace(bench, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
         values = np.asarray(even.torque["torque_nm"], dtype=np.float64)
         shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
@@ -280,20 +304,21 @@ class Simulation:
             return record
         return replace(record, load_motion=self.other.read(self._of_load(torque), random))
 
-    def noise_factor(self, record: Measured, stretches: tuple[Signals, ...]) -> float:
-        """How many times the energy that the signals of a simulated record say of their motion's errors, in the fit's
-        band, these have in truth."""
-        errors_rad = record.motion["position_rad"] - self._of_actuator[0]
-        errors = replace(self.encoder.position, value=np.asarray(errors_rad, dtype=np.float64))
-        kernel = self.solution.regression.rows[0].kernel
-        true, stated = 0.0, 0.0
-        for stretch in stretches:
-            rows = Rows(stretch, kernel)
-            true += float(np.sum(rows.derivatives(errors.at(stretch.time_s), (2,))[0, rows.usable] ** 2))
-            stated += rows.motion_noise(2) * rows.usable.size
-        return true / stated
+    def error_energy(self, record: Measured, stretches: tuple[Signals, ...]) -> float:
+        """The true mean square of what a simulated record's errors make of the acceleration in the fit's band."""
+        errors_rad = np.asarray(record.motion["position_rad"] - self._of_actuator[0], dtype=np.float64)
+        errors = replace(self.encoder.position, value=errors_rad)
+        rows = [Rows(each, self.solution.regression.rows[0].kernel) for each in stretches]
+        parts = [each.derivatives(errors.at(each.signals.time_s), (2,))[0, each.usable] for each in rows]
+        return float(np.mean(np.concatenate(parts) ** 2))
 
-    @cached_property  # of every simulated record, as the next
+    def with_load(self, compliance_rad_nm: float) -> "Simulation":
+        """The same with a load, whose encoder was read throughout, behind a sensor that the torque twists."""
+        origin_ns = self.stretches[0].origin_ns
+        other = Encoder.of(self.readings.measured.load_motion, origin_ns)
+        return replace(self, other=other.with_errors(), compliance_rad_nm=compliance_rad_nm)
+
+    @cached_property  # of every simulated record
     def _of_actuator(self) -> tuple[FloatArray, FloatArray]:
         return self.encoder.along(self.truths)
 

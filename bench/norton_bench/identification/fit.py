@@ -77,8 +77,9 @@ def fit(
     """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
 
     ``draws`` records are simulated for the deviations (:mod:`norton_bench.identification.bootstrap`); with none of them
-    the fit takes a tenth of the time, and the deviations hold only what its residual shows. ``coupling`` is what the
-    calibration tells of the spring between the motors (:func:`norton_bench.identification.load.coupling_of`).
+    the fit takes a tenth of the time, and values and deviations hold only what readings and residual show.
+    ``coupling`` is what the calibration tells of the spring between the motors
+    (:func:`norton_bench.identification.load.coupling_of`).
     """
     cleaned = clean(measured)
     stretches = signals(cleaned.measured, tick_s, use)
@@ -99,9 +100,9 @@ def fit_signals(
     """The same, from signals that are on one grid already. ``findings`` are those of their cleaning.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
-    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows. With
-    ``both_driven`` both machines pushed on purpose, as they do for a load: a noisy sensor then hides no scale.
-    Raises ExperimentError where no command was given.
+    ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows, and
+    nothing that simulated records tell is taken off the values. With ``both_driven`` both machines pushed on purpose,
+    as they do for a load: a noisy sensor then hides no scale. Raises ExperimentError where no command was given.
     """
     solution = solution_of(stretches, port=port, findings=findings, cogging=cogging, both_driven=both_driven)
     readings = None if findings.doubts else readings
@@ -272,13 +273,15 @@ def _simulated(
     """
     scatter = scatter_of(bench, values, physical)
     of_residual = stated_by_name(bench.solution, values, covariance)
+    of_ringing = np.zeros(values.size)
+    if (moved := bench.readings.ringing_moved) is not None:
+        of_ringing[: moved.size] = moved / np.sqrt(3.0)
     repeated_std, excess = (
-        dict(zip(of_residual, each.tolist(), strict=True)) for each in (scatter.bias_std, scatter.excess(covariance))
+        dict(zip(of_residual, each.tolist(), strict=True))
+        for each in (np.hypot(scatter.bias_std, of_ringing), scatter.excess(covariance))
     )
     values, covariance = scatter.applied(values, covariance)
-    if (moved := bench.readings.ringing_moved) is not None:
-        covariance = covariance.copy()
-        covariance[: moved.size, : moved.size] += np.outer(moved, moved) / 3.0
+    covariance = covariance + np.outer(of_ringing, of_ringing)
     return values, covariance, Simulated(of_residual, repeated_std, excess, bench)
 
 

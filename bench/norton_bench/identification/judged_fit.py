@@ -18,6 +18,7 @@ from norton_bench.identification.model_error import (
     model_error,
     widened,
 )
+from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import prediction_error
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals, validation_stretches
@@ -102,6 +103,8 @@ def fit_judged(cleaned: Cleaned, *, command_unit: str, tick_s: float) -> JudgedF
         measured, stretches = fitted.ground.readings.measured, fitted.ground.stretches
         if measured is not cleaned.measured:  # without what rang in it
             unseen = validation_stretches(measured, tick_s)
+        if (seen := fitted.ground.readings.errors_seen) is not None:
+            unseen = seen.of(unseen)
     plain = looked_at(fitted, stretches, unseen, measured)
     best = _predicting(composed(plain, measured, command_unit=command_unit, findings=findings), measured)
     result = with_terms_named(judged(best.fitted, best.error), plain.fitted)
@@ -250,8 +253,12 @@ class Change:
 
 
 def changes(live: Sequence[Estimate], final: FitResult) -> tuple[Change, ...]:
-    """Of what is valid in both; what another model would change in the final fit is compared too."""
-    before = {estimate.name: estimate for estimate in live if estimate.status is Status.VALID and estimate.std > 0.0}
+    """Of what is valid in both; what another model would change in the final fit is compared too. Live values, which
+    know nothing of what another encoder told, are moved by as much as it moved the final ones."""
+    seen = None if final.ground is None else final.ground.readings.errors_seen
+    moved = {} if seen is None else dict(zip(PHYSICAL, seen.moved.tolist(), strict=False))
+    known = (each for each in live if each.status is Status.VALID and each.std > 0.0)
+    before = {each.name: replace(each, value=each.value + moved.get(each.name, 0.0)) for each in known}
     return tuple(
         Change(before[each.name], each)
         for each in final.estimates

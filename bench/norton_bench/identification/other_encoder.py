@@ -2,8 +2,9 @@
 
 Both turn with one shaft. Of the accelerations a and z that they show, the mean of a (a - z) is the energy of a's own
 errors, whatever they come from and whether they hide behind counts or not (instrumental variables: Söderström,
-Errors-in-Variables Methods in System Identification, 2018, ch. 6). Before, z is moved by the difference of both delays,
-and the twist of the sensor between both is taken off: it goes with the torque, as the angles themselves tell best.
+Errors-in-Variables Methods in System Identification, 2018, ch. 6). Before, everything else that makes the angles differ
+is found from the angles themselves and taken off: the difference of the delays, the twist of the sensor, which goes
+with the torque, and errors of either encoder that repeat every turn and every half of one.
 
 Counts of both encoders err alike where a shaft moves slowly. How wrong that makes the result is seen in simulated
 records, whose errors are known.
@@ -16,12 +17,14 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
-from norton_bench.identification.bootstrap import Readings, Simulation, louder
+from norton_bench.identification.bootstrap import ErrorsSeen, Readings, Simulation, stated_energy
 from norton_bench.identification.counts import UNIFORM_DEVIATION
 from norton_bench.identification.joint_fit import solve_again
-from norton_bench.identification.motor_values import covariance_of
+from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.motor_values import covariance_of, physical
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution, normal_solution
+from norton_bench.identification.shape import Shape
 from norton_bench.identification.signals import Signals, signals
 from norton_bench.identification.statistics import NORMAL_95
 
@@ -30,9 +33,10 @@ NEGLIGIBLE = 0.1
 DRAWS = 6
 # Deviations: another encoder is asked where it tells noise as great as the counts' own from none.
 TELLING = 2.0
-# The angle between the encoders is looked at within blocks of this length: slower, an encoder's own error that goes
-# with its angle is greater than the twist.
+# The angle between the encoders is looked at within blocks of this length: what changes more slowly matters to no
+# acceleration.
 BLOCK_S = 0.5
+PERIODS_PER_TURN = (1.0, 2.0)
 # Of the squares of the velocities' difference and their sum: they are equal where one of both stands still.
 MOST_APART = 0.1
 # Deviations within which the most likely energy is sought, in so many places.
@@ -49,34 +53,58 @@ def with_errors_seen(
     can hide behind them, its deviation: of the logarithm, for no energy is below zero.
     """
     as_read = readings, stretches, solution
-    if not solution.converged or solution.free_motion:
+    hidden = counts_energy(stretches, _kernel(solution))
+    if not solution.converged or solution.free_motion or hidden == 0.0 or not matters(solution):
         return as_read
-    rows = _rows(stretches, solution)
-    shown = _shown(rows, solution.shape.motion_delay_s)
-    if shown is None or not _matter(solution):
-        return as_read
-    assumed, hidden = _mean(rows, [each.motion_noise(2) for each in rows]), _mean(rows, [_of_counts(e) for e in rows])
-    if hidden == 0.0:
+    shown = shown_energy(stretches, solution.shape, _kernel(solution))
+    if shown is None or TELLING * shown.doubt(readings) > hidden:
         return as_read
     bench = Simulation.of(replace(readings, draws=DRAWS), stretches, solution)
-    off = _errors_of_simulated(replace(bench, compliance_rad_nm=shown.compliance_rad_nm))
-    energy = shown.energy - float(np.mean(off))
+    off = errors_of_simulated(bench.with_load(shown.compliance_rad_nm))
     few = t_quantile(0.975, DRAWS - 1) / NORMAL_95 * np.sqrt(1.0 + 1.0 / DRAWS)
-    std = few * float(np.std(off, ddof=1))
-    if std * TELLING > hidden:
+    std = float(np.hypot(few * np.std(off, ddof=1), shown.doubt(readings)))
+    if TELLING * std > hidden:
         return as_read
-    factor, known_to = _likeliest(energy / assumed, std / assumed, hidden / assumed)
-    stretches = louder(stretches, factor)
-    return replace(readings, errors_known_to=known_to), stretches, solve_again(stretches, solution)
+    assumed = stated_energy(stretches, _kernel(solution))
+    factor, known_to = _likeliest((shown.energy - float(np.mean(off))) / assumed, std / assumed, hidden / assumed)
+    seen = ErrorsSeen(factor, known_to, np.zeros(0))
+    after = solve_again(seen.of(stretches), solution)
+    if not after.converged:
+        return as_read
+    seen = replace(seen, moved=physical(after)[0] - physical(solution)[0])
+    return replace(readings, errors_seen=seen), seen.of(stretches), after
 
 
-def _matter(solution: Solution) -> bool:
+def matters(solution: Solution) -> bool:
     """Whether the fit's values, at which errors of the motion are undone, would be others if they were not."""
     jacobian, undone = solution.jacobian.T, solution.contamination
     pull = np.zeros(undone.size)
     pull[:5] = undone[:5] * solution.linear[:5]
     change = normal_solution(jacobian, pull, undone)
     return bool(np.any(np.abs(change) > NEGLIGIBLE * np.sqrt(np.diag(covariance_of(solution)))))
+
+
+def counts_energy(stretches: Sequence[Signals], kernel: Kernel) -> float:
+    """Of the acceleration, from errors anywhere within a count."""
+    alone = [
+        replace(each, position_noise=(UNIFORM_DEVIATION * each.count_rad) ** 2 * each.position_period_s)
+        for each in stretches
+    ]
+    return stated_energy(tuple(alone), kernel)
+
+
+def errors_of_simulated(bench: Simulation) -> FloatArray:
+    """By how much the energy shown is too great in each simulated record, (draws,)."""
+    off = []
+    for record in bench.records():
+        stretches = signals(record, bench.readings.tick_s, bench.readings.use)
+        shown = shown_energy(stretches, bench.solution.shape, _kernel(bench.solution))
+        off.append((0.0 if shown is None else shown.energy) - bench.error_energy(record, stretches))
+    return np.array(off)
+
+
+def _kernel(solution: Solution) -> Kernel:
+    return solution.regression.rows[0].kernel
 
 
 def _likeliest(seen: float, std: float, hidden: float) -> tuple[float, float]:
@@ -87,89 +115,128 @@ def _likeliest(seen: float, std: float, hidden: float) -> tuple[float, float]:
     return factor, float(1.0 / np.sqrt(1.0 / prior_std**2 + (factor / std) ** 2))
 
 
-def _errors_of_simulated(bench: Simulation) -> FloatArray:
-    """By how much the result is too great in each simulated record, (draws,)."""
-    off = []
-    for record in bench.records():
-        stretches = signals(record, bench.readings.tick_s, bench.readings.use)
-        rows = _rows(stretches, bench.solution)
-        stated = _mean(rows, [each.motion_noise(2) for each in rows])
-        shown = _shown(rows, bench.solution.shape.motion_delay_s)
-        off.append((0.0 if shown is None else shown.energy) - bench.noise_factor(record, stretches) * stated)
-    return np.array(off)
-
-
-def _rows(stretches: Sequence[Signals], solution: Solution) -> list[Rows]:
-    """In the fit's band."""
-    return [Rows(each, solution.regression.rows[0].kernel) for each in stretches]
-
-
-def _mean(rows: Sequence[Rows], values: Sequence[float]) -> float:
-    return float(np.average(values, weights=[each.usable.size for each in rows]))
-
-
-def _of_counts(rows: Rows) -> float:
-    """Variance of the acceleration that comes of errors anywhere within a count."""
-    signals = rows.signals
-    density = (UNIFORM_DEVIATION * signals.count_rad) ** 2 * signals.position_period_s
-    return density / signals.position_noise * rows.motion_noise(2) if density > 0.0 else 0.0
-
-
 @dataclass(frozen=True)
 class Shown:
-    """What the other encoder makes of the energy of a's errors, and the sensor's compliance that it found for it."""
+    """The ``energy`` of a's errors [rad²/s⁴], with the sensor's compliance that was found for it.
+
+    ``of_compliance`` is the energy that a compliance of 1 rad/(N m) takes off. ``unsteady`` is what the other encoder's
+    clock may add, as its delay differs from block to block.
+    """
 
     energy: float
     compliance_rad_nm: float
+    of_compliance: float
+    unsteady: float
+
+    def doubt(self, readings: Readings) -> float:
+        """What the energy may be wrong by: for that clock, and by how much the compliance that was calibrated, if one
+        was, would change it."""
+        if readings.coupling is None:
+            return self.unsteady
+        twist = (self.compliance_rad_nm - 1.0 / readings.coupling.stiffness_nm_rad) * self.of_compliance
+        return float(np.hypot(self.unsteady, twist))
 
 
-def _shown(rows: Sequence[Rows], motion_delay_s: float) -> Shown | None:
-    """The mean of a (a - z) without twist and delay, where motion comes later than torque by ``motion_delay_s``; None
-    where no other encoder was read throughout, or where the two do not turn as one shaft."""
-    if any(each.signals.other_rad is None for each in rows):
+def shown_energy(stretches: Sequence[Signals], shape: Shape, kernel: Kernel) -> Shown | None:
+    """Of all stretches; None where the other encoder was not read throughout, or where the two do not turn as one."""
+    if any(each.other is None for each in stretches):
         return None
+    pairs = [_Pair.of(Rows(each, kernel), shape) for each in stretches]
+    zeros = np.zeros(_Pair.REGRESSORS)
     # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
-    delays_s = (motion_delay_s, motion_delay_s + float(_slopes(rows, (motion_delay_s, motion_delay_s))[0]))
-    slopes = _slopes(rows, delays_s)
-    energy, apart, together, samples = 0.0, 0.0, 0.0, 0
-    for each in rows:
-        own, other, torque = _both(each, delays_s)
-        energy += float(own[2] @ (own[2] - other[2] - slopes[0] * other[3] - slopes[1] * torque[1]))
-        apart += float(np.sum((own[1] - other[1]) ** 2))
-        together += float(np.sum((own[1] + other[1]) ** 2))
-        samples += own.shape[1]
-    return None if apart > MOST_APART * together else Shown(energy / samples, float(slopes[1]))
+    delay_s = float(_slopes([each.read_later(0.0) for each in pairs])[0])
+    later = [each.read_later(delay_s) for each in pairs]
+    slopes = _slopes(later)
+    energy = sum((each.energy(slopes) for each in later), 0.0)
+    of_compliance = sum((each.energy(zeros) - each.energy(np.eye(len(zeros))[1]) for each in later), 0.0)
+    apart, together = (sum(np.sum((each.other[1] + sign * each.own[1]) ** 2) for each in later) for sign in (-1.0, 1.0))
+    if apart > MOST_APART * together:
+        return None
+    samples = sum(each.own.shape[1] for each in later)
+    unsteady = sum(each.unsteady(slopes) for each in later) / samples
+    return Shown(energy / samples, float(slopes[1]), of_compliance / samples, unsteady)
 
 
-def _slopes(rows: Sequence[Rows], delays_s: tuple[float, float]) -> FloatArray:
-    """Of the angle between both, whose delays on the torque's clock are ``delays_s``, (2,): with the other's velocity
-    (the delay [s]), and with the torque (the compliance [rad/(N m)]).
+@dataclass(frozen=True)
+class _Pair:
+    """Both encoders in one stretch, on the torque's clock, filtered, at usable rows.
+
+    ``own`` (3, samples) is the angle with two derivatives, ``other`` (4, samples) with three, ``torque`` (2, samples)
+    with its second, ``waves`` (2, waves, samples) what may repeat with the angle, with its second derivative.
+    """
+
+    REGRESSORS = 2 + 2 * len(PERIODS_PER_TURN)
+
+    rows: Rows
+    read_rad: FloatArray
+    motion_delay_s: float
+    own: FloatArray
+    other: FloatArray
+    torque: FloatArray
+    waves: FloatArray
+
+    @classmethod
+    def of(cls, rows: Rows, shape: Shape) -> "_Pair":
+        """Without the other encoder, which has a delay of its own."""
+        own = rows.of_fine_signal(rows.signals.position_rad, (0, 1, 2), shape.motion_delay_s)
+        waves = [
+            np.concatenate([rows.cogging(shape, periods, order) for periods in PERIODS_PER_TURN]) for order in (0, 2)
+        ]
+        used = (each[..., rows.usable] for each in (own, rows.torque_derivatives((0, 2)), np.stack(waves)))
+        own, torque, waved = used
+        return cls(rows, _read_at_ticks(rows.signals), shape.motion_delay_s, own, np.empty((4, 0)), torque, waved)
+
+    def read_later(self, delay_s: float) -> "_Pair":
+        """With the other encoder, whose readings come later than the own by ``delay_s``."""
+        other = self.rows.derivatives(self.read_rad, (0, 1, 2, 3), self.motion_delay_s + delay_s)
+        return replace(self, other=other[:, self.rows.usable])
+
+    def regressors(self, *, of_acceleration: bool = False) -> FloatArray:
+        """Of the angle between both, or of its second derivative: the other's velocity, for the delay [s], the torque,
+        for the compliance [rad/(N m)], and the waves: (REGRESSORS, samples)."""
+        order = int(of_acceleration)
+        return np.stack([self.other[1 + 2 * order], self.torque[order], *self.waves[order]])
+
+    def energy(self, slopes: FloatArray) -> float:
+        """The sum of a (a - z) without what ``slopes`` (REGRESSORS,) explain."""
+        difference = self.own[2] - self.other[2] - slopes @ self.regressors(of_acceleration=True)
+        return float(self.own[2] @ difference)
+
+    def unsteady(self, slopes: FloatArray) -> float:
+        """What a delay that differs from block to block adds to that sum."""
+        velocity, jerk = self.blocks(self.other[1]), self.blocks(self.other[3])
+        left = self.blocks(self.own[0] - self.other[0] - slopes @ self.regressors())
+        delays_s = np.sum(velocity * left, axis=1) / np.maximum(np.sum(velocity**2, axis=1), 1e-300)
+        return float(delays_s**2 @ np.sum(jerk**2, axis=1))
+
+    def blocks(self, values: FloatArray) -> FloatArray:
+        """About the mean of each block, (..., blocks, samples of one)."""
+        length = max(1, round(BLOCK_S / (self.rows.signals.tick_s * self.rows.stride)))
+        parts = values[..., : values.shape[-1] // length * length].reshape(*values.shape[:-1], -1, length)
+        return np.asarray(parts - parts.mean(axis=-1, keepdims=True))
+
+
+def _read_at_ticks(signals: Signals) -> FloatArray:
+    """The other encoder's position at the ticks, (n,); at the ends the nearest."""
+    assert signals.other is not None
+    read_rad = signals.other.at(signals.time_s)
+    known = np.isfinite(read_rad)
+    return np.interp(signals.time_s, signals.time_s[known], read_rad[known])
+
+
+def _slopes(pairs: Sequence[_Pair]) -> FloatArray:
+    """Of the angle between both with its regressors, (REGRESSORS,); none with one that is nowhere seen.
 
     The own velocity is the instrument for the other's, whose errors are in the angle; of the square of the torque its
-    own noise is taken off."""
-    matrix, right = np.zeros((2, 2)), np.zeros(2)
-    for each in rows:
-        own, other, torque = (_about_blocks(values, each) for values in _both(each, delays_s))
-        instruments, regressors = np.stack([own[1], torque[0]]), np.stack([other[1], torque[0]])
+    own noise is taken off.
+    """
+    matrix, right = np.zeros((_Pair.REGRESSORS, _Pair.REGRESSORS)), np.zeros(_Pair.REGRESSORS)
+    for pair in pairs:
+        regressors = pair.blocks(pair.regressors()).reshape(_Pair.REGRESSORS, -1)
+        instruments = np.concatenate([pair.blocks(pair.own[1]).reshape(1, -1), regressors[1:]])
         matrix += instruments @ regressors.T
-        matrix[1, 1] -= torque[0].size * each.torque_noise(0)
-        right += instruments @ (own[0] - other[0])
+        matrix[1, 1] -= regressors.shape[1] * pair.rows.torque_noise(0)
+        right += instruments @ pair.blocks(pair.own[0] - pair.other[0]).reshape(-1)
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[size == 0.0] = 1.0
     return np.asarray(np.linalg.pinv(matrix / np.outer(size, size)) @ (right / size) / size)
-
-
-def _about_blocks(values: FloatArray, rows: Rows) -> FloatArray:
-    """About the mean of each block, (signals, samples)."""
-    length = max(1, round(BLOCK_S / rows.signals.tick_s))
-    blocks = values[:, : values.shape[1] // length * length].reshape(len(values), -1, length)
-    return np.asarray((blocks - blocks.mean(axis=-1, keepdims=True)).reshape(len(values), -1))
-
-
-def _both(rows: Rows, delays_s: tuple[float, float]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The own angle with its first two derivatives, the other's with three, and the torque with its second: (3,
-    samples), (4, samples), (2, samples)."""
-    assert rows.signals.other_rad is not None
-    own = rows.of_fine_signal(rows.signals.position_rad, (0, 1, 2), delays_s[0])
-    other = rows.derivatives(rows.signals.other_rad, (0, 1, 2, 3), delays_s[1])
-    return own[:, rows.usable], other[:, rows.usable], rows.torque_derivatives((0, 2))[:, rows.usable]

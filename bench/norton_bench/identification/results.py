@@ -185,8 +185,9 @@ class Simulated:
     """What simulated records made of a fit: mappings are by the names of parameters.
 
     ``of_residual`` are the value and the deviation that the residual alone gives; ``repeated_std`` is the part of the
-    deviation that every session of the same bench repeats: that of the bias which was taken off. ``excess`` is how many
-    times the residual's own deviation is that which simulated records state: one where they err as the real one does.
+    deviation that every session of the same bench repeats: that of the bias which was taken off, and of what the
+    subtraction of ringing changed. ``excess`` is how many times the residual's own deviation is that which simulated
+    records state: one where they err as the real one does.
     """
 
     of_residual: Mapping[str, tuple[float, float]]

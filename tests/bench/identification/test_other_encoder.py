@@ -5,12 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.bootstrap import Readings, Simulation
+from norton_bench.identification.bootstrap import Readings, Simulation, scatter_of, stated_energy
+from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.kernels import FULL_BAND
-from norton_bench.identification.other_encoder import _shown, with_errors_seen
+from norton_bench.identification.motor_values import PHYSICAL, physical
+from norton_bench.identification.other_encoder import (
+    counts_energy,
+    errors_of_simulated,
+    matters,
+    shown_energy,
+    with_errors_seen,
+)
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import solve
-from norton_bench.identification.shape import INERTIA, STILL
+from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import signals
 from norton_bench.identification.simulated_bench import NO_ERRORS
 from norton_bench.segments import Use
@@ -18,6 +26,10 @@ from tests.bench.identification.synthetic import TICK_S, Bench, Truth, brief
 
 STEP_RAD = 2 * np.pi / 16384
 FINE = Bench(counts=2.0**22)
+INERTIA = PHYSICAL.index("inertia")
+# The fit of a noisy sensor's torque needs the whole band, in which counts are most of what the acceleration shows.
+NOISY = replace(FINE, noise_nm=16e-3)
+HIDING = {"noise": 0.5, "step_rad": 4 * STEP_RAD}
 
 
 @pytest.fixture(scope="module")
@@ -26,34 +38,54 @@ def fine():
     return brief(3, bench=FINE)
 
 
-def rows_of(measured, band=FULL_BAND):
-    return tuple(Rows(stretch, band) for stretch in signals(measured, TICK_S, Use.IDENTIFY))
+@pytest.fixture(scope="module")
+def noisy():
+    return brief(3, bench=NOISY)
 
 
-def read(measured, *, noise=0.0, field_rad=0.0, name="motion", step_rad=STEP_RAD):
-    """The same with an encoder of such steps, its own noise in steps, and a message that carries coarser angles."""
+@pytest.fixture(scope="module")
+def hiding(noisy):
+    """Noise of half a count behind the counts: measured, signals and solution."""
+    measured = read(noisy, **HIDING)
+    stretches = stretches_of(measured)
+    return measured, stretches, solve(stretches)
+
+
+def stretches_of(measured):
+    return signals(measured, TICK_S, Use.IDENTIFY)
+
+
+def read(measured, *, noise=0.0, field_rad=0.0, turns_rad=0.0, name="motion", step_rad=STEP_RAD):
+    """The same with an encoder of such steps, its own noise in steps, a message that carries coarser angles, and an
+    error that goes with the angle, once a turn."""
     table = getattr(measured, name).copy()
-    noisy = table["position_rad"] + noise * step_rad * np.random.default_rng(len(name)).standard_normal(len(table))
+    angle = table["position_rad"]
+    noisy = angle + noise * step_rad * np.random.default_rng(len(name)).standard_normal(len(table))
+    noisy = noisy + turns_rad * np.cos(angle + 1.0)
     table["position_rad"] = np.floor(noisy / step_rad) * step_rad
     if field_rad:
         table["position_rad"] = np.round(table["position_rad"] / field_rad) * field_rad
     return replace(measured, **{name: table})
 
 
-def true_energy(rows, fine):
+def true_energy(measured, fine, band=FULL_BAND):
     """What the errors are, against what the same machine's better encoder read at the same instants."""
-    differences = [
-        (each.kinematics(STILL)[1] - other.kinematics(STILL)[1])[each.usable]
-        for each, other in zip(rows, fine, strict=True)
-    ]
-    return np.mean(np.concatenate(differences) ** 2)
+    differences = []
+    for each, other in zip(stretches_of(measured), stretches_of(fine), strict=True):
+        rows, exact = Rows(each, band), Rows(other, band)
+        differences.append((rows.kinematics(STILL)[1] - exact.kinematics(STILL)[1])[rows.usable])
+    return float(np.mean(np.concatenate(differences) ** 2))
 
 
-def assumed(rows):
-    return np.average([each.motion_noise(2) for each in rows], weights=[each.usable.size for each in rows])
+def shown(measured):
+    return shown_energy(stretches_of(measured), STILL, FULL_BAND)
 
 
-@pytest.mark.parametrize("other", ["fine", "coarse"])
+def readings_of(measured, **more):
+    return Readings(measured, TICK_S, Use.IDENTIFY, **more)
+
+
+@pytest.mark.parametrize("other", [{}, {"noise": 1.0}, {"turns_rad": 0.01}], ids=["fine", "coarse", "eccentric"])
 @pytest.mark.parametrize(
     "errors",
     [{}, {"noise": 0.5}, {"noise": 2.0}, {"field_rad": 1.6 * STEP_RAD}],
@@ -61,56 +93,116 @@ def assumed(rows):
 )
 def test_the_energy_of_its_errors_is_the_true_one_whatever_they_come_from(fine, errors, other):
     coarse = read(fine, **errors)
-    if other == "coarse":
-        coarse = read(coarse, name="load_motion", noise=1.0)
-    rows = rows_of(coarse)
-    assert _shown(rows, 0.0).energy == pytest.approx(true_energy(rows, rows_of(fine)), rel=0.07)
+    if other:
+        coarse = read(coarse, name="load_motion", **other)
+    found = shown(coarse)
+    assert found.energy == pytest.approx(true_energy(coarse, fine), rel=0.07)
+    assert found.compliance_rad_nm == pytest.approx(1.0 / FINE.stiffness, rel=0.2)
 
 
-def test_a_load_that_does_not_turn_with_the_shaft_or_is_not_read_throughout_tells_nothing(fine):
+def test_a_load_that_turns_otherwise_or_is_read_too_seldom_tells_nothing(fine):
     coarse, load = read(fine), fine.load_motion
     still = load.copy()
     still["position_rad"] = still["position_rad"][0]
-    assert _shown(rows_of(replace(coarse, load_motion=still)), 0.0) is None
-    for other in (load[:0], np.concatenate([load[:5000], load[5200:]])):
-        assert _shown(rows_of(replace(coarse, load_motion=other)), 0.0) is None
+    gap = np.concatenate([load[:5000], load[5200:]])
+    at_once = load[:200].copy()
+    at_once["arrival_ns"] = at_once["arrival_ns"][0]
+    assert shown(coarse) is not None
+    for other in (still, gap, load[:0], load[:1], at_once, load[::3]):
+        assert shown(replace(coarse, load_motion=other)) is None
 
 
-def seen(measured):
-    """Signals, solution and what another encoder makes of them."""
-    stretches = signals(measured, TICK_S, Use.IDENTIFY)
-    solution = solve(stretches)
-    readings = Readings(measured, TICK_S, Use.IDENTIFY)
-    return stretches, solution, with_errors_seen(readings, stretches, solution)
+def test_a_load_whose_clock_wanders_shows_it(fine):
+    late = fine.load_motion.copy()
+    late["arrival_ns"] += (2e6 * np.sin(2 * np.pi * np.arange(len(late)) / 5000)).astype(np.int64)
+    # The clock that is recovered from the arrivals does not follow them: the readings seem 2 ms early and late.
+    nothing = np.zeros(0)
+    spring = Coupling(FINE.stiffness, 1.0, 0.01, 0.01, 1.2e-4, 1.0, 1000.0, 0.0, nothing, nothing)
+    steady, wandering = (shown(read(each)) for each in (fine, replace(fine, load_motion=late)))
+    true = true_energy(read(fine), fine)
+    for each, least, most in ((steady, 0.0, 0.05), (wandering, 0.1, 0.5)):
+        doubt = each.doubt(readings_of(fine, coupling=spring))
+        assert least * true < doubt < most * true
+        assert abs(each.energy - true) < max(2.0 * doubt, 0.07 * true)
 
 
-def test_noise_behind_counts_is_found_and_undone():
-    """Readings alone do not tell it: behind a noisy sensor, whose fit needs the whole band, the inertia is 12 % off."""
-    noisy = brief(3, bench=replace(FINE, noise_nm=16e-3))
-    coarse = read(noisy, noise=0.5, step_rad=4 * STEP_RAD)
-    stretches, before, (readings, louder, after) = seen(coarse)
-    band = before.regression.rows[0].kernel
-    rows = rows_of(coarse, band)
-    true = true_energy(rows, rows_of(noisy, band)) / assumed(rows)
-    factor = louder[0].position_noise / stretches[0].position_noise
+def test_noise_behind_counts_is_found_and_undone(noisy, hiding):
+    """Readings alone do not tell it: the inertia is 12 % off."""
+    measured, stretches, before = hiding
+    readings, louder, after = with_errors_seen(readings_of(measured), stretches, before)
+    seen, band = readings.errors_seen, before.regression.rows[0].kernel
+    true = true_energy(measured, noisy, band) / stated_energy(stretches, band)
     assert true > 1.25
-    assert abs(np.log(factor / true)) < 3.0 * readings.errors_known_to < 0.1
-    assert abs(after.linear[INERTIA] - Truth.inertia) < 0.3 * abs(before.linear[INERTIA] - Truth.inertia)
+    assert abs(np.log(seen.factor / true)) < 3.0 * seen.known_to < 0.1
+    assert louder[0].position_noise == seen.factor * stretches[0].position_noise
+    was, now = (physical(each)[0][INERTIA] - Truth.inertia for each in (before, after))
+    assert abs(now) < 0.3 * abs(was)
+    assert seen.moved[INERTIA] == now - was
 
 
-def test_a_fine_encoder_is_taken_as_it_reads(fine):
-    stretches, solution, (readings, louder, after) = seen(fine)
-    assert (louder, after) == (stretches, solution)
-    assert readings.errors_known_to is None
-
-
-def test_errors_of_simulated_records_are_undone_by_their_true_energy(fine):
-    coarse = read(fine, noise=0.5)
-    stretches = signals(coarse, TICK_S, Use.IDENTIFY)
+@pytest.mark.parametrize(
+    ("bench", "errors"),
+    [
+        pytest.param(FINE, {"step_rad": 2 * np.pi / 2**19}, id="errors that do not matter"),
+        pytest.param(replace(FINE, noise_nm=4e-3), HIDING, id="errors that it cannot tell"),
+    ],
+)
+def test_otherwise_the_readings_are_taken_as_they_are(bench, errors):
+    measured = read(brief(3, bench=bench), **errors)
+    stretches = stretches_of(measured)
     solution = solve(stretches)
-    bench = Simulation.of(Readings(coarse, TICK_S, Use.IDENTIFY), stretches, solution)
+    readings, same, after = with_errors_seen(readings_of(measured), stretches, solution)
+    assert (same, after) == (stretches, solution)
+    assert readings.errors_seen is None
+    assert counts_energy(stretches, FULL_BAND) > 0.0
+    assert matters(solution) == (errors is HIDING)
+
+
+def test_a_spring_that_is_not_the_calibrated_one_is_not_believed(hiding):
+    measured, stretches, solution = hiding
+    nothing, known_to = np.zeros(0), []
+    for stiffness in (FINE.stiffness, 0.4 * FINE.stiffness, 0.1 * FINE.stiffness):
+        spring = Coupling(stiffness, 1.0, 0.01, 0.01, 1.2e-4, 1.0, 1000.0, 0.0, nothing, nothing)
+        readings, _, _ = with_errors_seen(readings_of(measured, coupling=spring), stretches, solution)
+        known_to.append(None if readings.errors_seen is None else readings.errors_seen.known_to)
+    assert known_to[0] < 0.5 * known_to[1]
+    assert known_to[2] is None
+
+
+def test_counts_of_both_that_err_alike_are_seen_in_simulated_records(fine):
+    """The same counts on both: in slow motion each reads what the other does."""
+    same = read(read(fine, step_rad=16 * STEP_RAD), name="load_motion", step_rad=16 * STEP_RAD)
+    stretches = stretches_of(same)
+    solution = solve(stretches)
+    bench = Simulation.of(readings_of(same, draws=4), stretches, solution)
+    compliance = 1.0 / FINE.stiffness
+    counts = counts_energy(stretches, solution.regression.rows[0].kernel)
+    assert np.std(errors_of_simulated(bench.with_load(compliance))) > 0.1 * counts
+
+
+def test_a_simulated_load_is_twisted_by_the_torque(fine):
+    stretches = stretches_of(fine)
+    solution = solve(stretches)
+    bench = Simulation.of(readings_of(fine), stretches, solution)
+    record = bench.with_load(0.05).record(np.random.default_rng(3))
+    assert shown_energy(stretches_of(record), solution.shape, FULL_BAND).compliance_rad_nm == pytest.approx(
+        0.05, rel=0.01
+    )
+
+
+def test_errors_of_simulated_records_are_undone_by_their_true_energy(hiding):
+    """Each as well as the real one: not knowing it widens."""
+    measured, stretches, before = hiding
+    bench = Simulation.of(readings_of(measured, draws=6), stretches, before)
     record = bench.record(np.random.default_rng(3))
     exact = replace(bench, encoder=replace(bench.encoder, errors=NO_ERRORS)).record(np.random.default_rng(3))
-    rows, perfect = (rows_of(each, solution.regression.rows[0].kernel) for each in (record, exact))
-    expected = true_energy(rows, perfect) / assumed(rows)
-    assert bench.noise_factor(record, tuple(each.signals for each in rows)) == pytest.approx(expected, rel=0.01)
+    expected = true_energy(record, exact, before.regression.rows[0].kernel)
+    assert bench.error_energy(record, stretches_of(record)) == pytest.approx(expected, rel=0.01)
+
+    seen = with_errors_seen(readings_of(measured, draws=6), stretches, before)[0].errors_seen
+    spread = []
+    for known_to in (0.0, 0.3):
+        readings = readings_of(measured, draws=6, errors_seen=replace(seen, known_to=known_to))
+        scatter = scatter_of(Simulation.of(readings, stretches, before), physical(before)[0], physical)
+        spread.append(scatter.std[INERTIA])
+    assert spread[1] > 2.0 * spread[0]
