@@ -119,22 +119,24 @@ def _likeliest(seen: float, std: float, hidden: float) -> tuple[float, float]:
 class Shown:
     """The ``energy`` of a's errors [rad²/s⁴], with the sensor's compliance that was found for it.
 
-    ``of_compliance`` is the energy that a compliance of 1 rad/(N m) takes off. ``unsteady`` is what the other encoder's
-    clock may add, as its delay differs from block to block.
+    ``of_compliance`` is the energy that a compliance of 1 rad/(N m) takes off, ``of_waves`` what errors that repeat
+    every turn took off. ``unsteady`` is what the other encoder's clock may add, as its delay differs from block to
+    block.
     """
 
     energy: float
     compliance_rad_nm: float
     of_compliance: float
+    of_waves: float
     unsteady: float
 
     def doubt(self, readings: Readings) -> float:
-        """What the energy may be wrong by: for that clock, and by how much the compliance that was calibrated, if one
-        was, would change it."""
-        if readings.coupling is None:
-            return self.unsteady
-        twist = (self.compliance_rad_nm - 1.0 / readings.coupling.stiffness_nm_rad) * self.of_compliance
-        return float(np.hypot(self.unsteady, twist))
+        """What the energy may be wrong by: for that clock; for errors that repeat every turn, anything between none and
+        twice those that were found; and by how much the compliance that was calibrated, if one was, would change it."""
+        twist = 0.0
+        if readings.coupling is not None:
+            twist = (self.compliance_rad_nm - 1.0 / readings.coupling.stiffness_nm_rad) * self.of_compliance
+        return float(np.linalg.norm([self.unsteady, self.of_waves / np.sqrt(3.0), twist]))
 
 
 def shown_energy(stretches: Sequence[Signals], shape: Shape, kernel: Kernel) -> Shown | None:
@@ -142,19 +144,19 @@ def shown_energy(stretches: Sequence[Signals], shape: Shape, kernel: Kernel) -> 
     if any(each.other is None for each in stretches):
         return None
     pairs = [_Pair.of(Rows(each, kernel), shape) for each in stretches]
-    zeros = np.zeros(_Pair.REGRESSORS)
     # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
     delay_s = float(_slopes([each.read_later(0.0) for each in pairs])[0])
     later = [each.read_later(delay_s) for each in pairs]
     slopes = _slopes(later)
     energy = sum((each.energy(slopes) for each in later), 0.0)
-    of_compliance = sum((each.energy(zeros) - each.energy(np.eye(len(zeros))[1]) for each in later), 0.0)
+    explained = sum((each.explained() for each in later), np.zeros(_Pair.REGRESSORS))
     apart, together = (sum(np.sum((each.other[1] + sign * each.own[1]) ** 2) for each in later) for sign in (-1.0, 1.0))
     if apart > MOST_APART * together:
         return None
     samples = sum(each.own.shape[1] for each in later)
     unsteady = sum(each.unsteady(slopes) for each in later) / samples
-    return Shown(energy / samples, float(slopes[1]), of_compliance / samples, unsteady)
+    of_waves = float(slopes[2:] @ explained[2:]) / samples
+    return Shown(energy / samples, float(slopes[1]), float(explained[1]) / samples, of_waves, unsteady)
 
 
 @dataclass(frozen=True)
@@ -199,8 +201,11 @@ class _Pair:
 
     def energy(self, slopes: FloatArray) -> float:
         """The sum of a (a - z) without what ``slopes`` (REGRESSORS,) explain."""
-        difference = self.own[2] - self.other[2] - slopes @ self.regressors(of_acceleration=True)
-        return float(self.own[2] @ difference)
+        return float(self.own[2] @ (self.own[2] - self.other[2]) - slopes @ self.explained())
+
+    def explained(self) -> FloatArray:
+        """What a slope of 1 explains of that sum, (REGRESSORS,)."""
+        return np.asarray(self.regressors(of_acceleration=True) @ self.own[2])
 
     def unsteady(self, slopes: FloatArray) -> float:
         """What a delay that differs from block to block adds to that sum."""
