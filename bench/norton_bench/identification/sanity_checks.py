@@ -64,6 +64,18 @@ class Blocks:
         sizes = np.maximum(np.einsum("i,bij,j->b", alone, self.gram, alone), 0.0)
         return np.asarray((np.cumsum(sizes) - sizes) / max(sizes.sum(), 1e-300))
 
+    def undone(self, solution: Solution, column: int) -> float:
+        """What undoing the errors of readings adds to one unknown.
+
+        They are undone as they are on average. Where one half has none of them and the other twice as many, the unknown
+        seems changed by twice as much.
+        """
+        if column >= len(solution.linear):
+            return 0.0
+        told = 1.0 / float(np.linalg.pinv(self.gram.sum(axis=0), rcond=1e-10, hermitian=True)[column, column])
+        share = float(solution.contamination[column]) / self.scale[column] ** 2 / told
+        return float(abs(share * solution.linear[column]))
+
     def change(self, column: int, course: FloatArray, split: int) -> tuple[float, float]:
         """How far one unknown goes along ``course`` (blocks,), the others being the same throughout; its deviation.
 
@@ -226,7 +238,8 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[FailedCheck]:
         return
     splits = np.unique(np.linspace(0, count, SPLITS + 2)[1:-1].astype(np.int64))
     best: tuple[float, str, int] | None = None
-    for column, name, least, unit in _judged(solution, tick_s):
+    for column, name, worth_a_word, unit in _judged(solution, tick_s):
+        least = max(worth_a_word, 2.0 * blocks.undone(solution, column))
         told = blocks.told(column)[splits]
         for split in splits[(told > TRIMMED) & (told < 1.0 - TRIMMED)]:
             after = (np.arange(count) >= split).astype(np.float64)
@@ -235,7 +248,9 @@ def _changing(solution: Solution, tick_s: float) -> Iterator[FailedCheck]:
             if ratio > CHANGE_SIGNIFICANT and abs(change) > least and (best is None or ratio > best[0]):
                 if not _confirmed(solution, blocks, column, least, int(split)):
                     continue
-                amount = f"{1e3 * abs(change):.2g} ms" if unit == "s" else f"{CHANGE_SHARE * abs(change) / least:.0%}"
+                amount = (
+                    f"{1e3 * abs(change):.2g} ms" if unit == "s" else f"{CHANGE_SHARE * abs(change) / worth_a_word:.0%}"
+                )
                 best = (ratio, f"The {name} is not the same throughout: it differs by some {amount}", int(split))
     if best is not None:
         at_s = float(blocks.time_s[best[2]])

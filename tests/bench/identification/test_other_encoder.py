@@ -17,6 +17,7 @@ from norton_bench.identification.other_encoder import (
     with_errors_seen,
 )
 from norton_bench.identification.rows import Rows
+from norton_bench.identification.sanity_checks import failed_checks
 from norton_bench.identification.separable import solve
 from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import signals
@@ -156,6 +157,17 @@ def test_otherwise_the_readings_are_taken_as_they_are(bench, errors):
     assert readings.errors_seen is None
     assert counts_energy(stretches, FULL_BAND) > 0.0
     assert matters(solution) == (errors is HIDING)
+
+
+def test_errors_that_are_greater_later_are_no_change_of_the_machine():
+    """They are undone as they are on average: the inertia of either half is off by that, and the machine the same."""
+    measured = brief(5, bench=NOISY)
+    table, later = (read(measured, step_rad=4 * STEP_RAD, noise=noise).motion for noise in (0.0, 0.6))
+    half = len(table) // 2
+    table[half:] = later[half:]
+    solution = solve(stretches_of(replace(measured, motion=table)))
+    values, covariance = physical(solution)
+    assert failed_checks(solution, values, np.sqrt(np.diag(covariance)), TICK_S) == ()
 
 
 def test_a_spring_that_is_not_the_calibrated_one_is_not_believed(hiding):
