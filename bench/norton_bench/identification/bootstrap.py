@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.distributions import t_quantile
 from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
@@ -41,7 +40,7 @@ from norton_bench.identification.simulated_bench import (
     even_grid,
     inertia_of,
 )
-from norton_bench.identification.statistics import LOOSE_BEYOND, NORMAL_95
+from norton_bench.identification.statistics import LOOSE_BEYOND, std_of_next
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
@@ -86,7 +85,7 @@ class Readings:
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
     ringing_moved: FloatArray | None = None
-    errors_seen: "ErrorsSeen | None" = None
+    errors_seen: ErrorsSeen | None = None
 
 
 @dataclass(frozen=True)
@@ -108,10 +107,8 @@ class Scatter:
 
     @property
     def std(self) -> FloatArray:
-        """Of one fit, (p,), as wide as few draws make it: with it 1.96 deviations hold 95 %."""
-        draws = len(self.drawn)
-        few = t_quantile(0.975, draws - 1) / NORMAL_95
-        return np.asarray(few * np.std(self.drawn, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / draws))
+        """Of one fit, (p,), as wide as few draws make it."""
+        return std_of_next(self.drawn)
 
     @property
     def bias_std(self) -> FloatArray:

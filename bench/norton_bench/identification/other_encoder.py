@@ -16,21 +16,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.distributions import t_quantile
 from norton_bench.identification.bootstrap import ErrorsSeen, Readings, Simulation, stated_energy
 from norton_bench.identification.counts import UNIFORM_DEVIATION
 from norton_bench.identification.joint_fit import solve_again
-from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.motor_values import covariance_of, physical
+from norton_bench.identification.readings import nominal_period_s
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution, normal_solution
 from norton_bench.identification.shape import Shape
-from norton_bench.identification.signals import Signals, signals
-from norton_bench.identification.statistics import NORMAL_95
+from norton_bench.identification.signals import (
+    INTERPOLATION,
+    LONGEST_GAP_S,
+    Signals,
+    TimeSeries,
+    positions_of,
+    signals,
+)
+from norton_bench.identification.statistics import std_of_next
+from norton_bench.records import Table
 
 # Deviations. Errors that change no value by more than this when they are not undone need not be known any better.
 NEGLIGIBLE = 0.1
 DRAWS = 6
+# Fewer readings of a load tell no clock.
+FEWEST_READINGS = 100
 # Deviations: another encoder is asked where it tells noise as great as the counts' own from none.
 TELLING = 2.0
 # The angle between the encoders is looked at within blocks of this length: what changes more slowly matters to no
@@ -56,13 +66,12 @@ def with_errors_seen(
     hidden = counts_energy(stretches, _kernel(solution))
     if not solution.converged or solution.free_motion or hidden == 0.0 or not matters(solution):
         return as_read
-    shown = shown_energy(stretches, solution.shape, _kernel(solution))
+    shown = shown_energy(stretches, readings.measured.load_motion, solution.shape, _kernel(solution))
     if shown is None or TELLING * shown.doubt(readings) > hidden:
         return as_read
     bench = Simulation.of(replace(readings, draws=DRAWS), stretches, solution)
     off = errors_of_simulated(bench.with_load(shown.compliance_rad_nm))
-    few = t_quantile(0.975, DRAWS - 1) / NORMAL_95 * np.sqrt(1.0 + 1.0 / DRAWS)
-    std = float(np.hypot(few * np.std(off, ddof=1), shown.doubt(readings)))
+    std = float(np.hypot(std_of_next(off), shown.doubt(readings)))
     if TELLING * std > hidden:
         return as_read
     assumed = stated_energy(stretches, _kernel(solution))
@@ -98,7 +107,7 @@ def errors_of_simulated(bench: Simulation) -> FloatArray:
     off = []
     for record in bench.records():
         stretches = signals(record, bench.readings.tick_s, bench.readings.use)
-        shown = shown_energy(stretches, bench.solution.shape, _kernel(bench.solution))
+        shown = shown_energy(stretches, record.load_motion, bench.solution.shape, _kernel(bench.solution))
         off.append((0.0 if shown is None else shown.energy) - bench.error_energy(record, stretches))
     return np.array(off)
 
@@ -139,11 +148,12 @@ class Shown:
         return float(np.linalg.norm([self.unsteady, self.of_waves / np.sqrt(3.0), twist]))
 
 
-def shown_energy(stretches: Sequence[Signals], shape: Shape, kernel: Kernel) -> Shown | None:
-    """Of all stretches; None where the other encoder was not read throughout, or where the two do not turn as one."""
-    if any(each.other is None for each in stretches):
+def shown_energy(stretches: Sequence[Signals], load_motion: Table, shape: Shape, kernel: Kernel) -> Shown | None:
+    """Of all stretches; None where the load's encoder was not read throughout, or where the two do not turn as one."""
+    read_rad = _read_at_ticks(stretches, load_motion)
+    if read_rad is None:
         return None
-    pairs = [_Pair.of(Rows(each, kernel), shape) for each in stretches]
+    pairs = [_Pair.of(Rows(each, kernel), read, shape) for each, read in zip(stretches, read_rad, strict=True)]
     # A slope is exact for small delays: once more from where it leads, which is exact to the third order.
     delay_s = float(_slopes([each.read_later(0.0) for each in pairs])[0])
     later = [each.read_later(delay_s) for each in pairs]
@@ -178,7 +188,7 @@ class _Pair:
     waves: FloatArray
 
     @classmethod
-    def of(cls, rows: Rows, shape: Shape) -> "_Pair":
+    def of(cls, rows: Rows, read_rad: FloatArray, shape: Shape) -> "_Pair":
         """Without the other encoder, which has a delay of its own."""
         own = rows.of_fine_signal(rows.signals.position_rad, (0, 1, 2), shape.motion_delay_s)
         waves = [
@@ -186,7 +196,7 @@ class _Pair:
         ]
         used = (each[..., rows.usable] for each in (own, rows.torque_derivatives((0, 2)), np.stack(waves)))
         own, torque, waved = used
-        return cls(rows, _read_at_ticks(rows.signals), shape.motion_delay_s, own, np.empty((4, 0)), torque, waved)
+        return cls(rows, read_rad, shape.motion_delay_s, own, np.empty((4, 0)), torque, waved)
 
     def read_later(self, delay_s: float) -> "_Pair":
         """With the other encoder, whose readings come later than the own by ``delay_s``."""
@@ -221,12 +231,29 @@ class _Pair:
         return np.asarray(parts - parts.mean(axis=-1, keepdims=True))
 
 
-def _read_at_ticks(signals: Signals) -> FloatArray:
-    """The other encoder's position at the ticks, (n,); at the ends the nearest."""
-    assert signals.other is not None
-    read_rad = signals.other.at(signals.time_s)
-    known = np.isfinite(read_rad)
-    return np.interp(signals.time_s, signals.time_s[known], read_rad[known])
+def _read_at_ticks(stretches: Sequence[Signals], load_motion: Table) -> list[FloatArray] | None:
+    """The load's position at the ticks of each stretch, (n,) each; None where readings are too slow for the whole band,
+    or missing for longer than LONGEST_GAP_S."""
+    if len(load_motion) < FEWEST_READINGS or not nominal_period_s(load_motion["arrival_ns"]) > 0.0:
+        return None
+    load = positions_of(load_motion, stretches[0].origin_ns)
+    if load.period_s * FULL_BAND.cutoff > INTERPOLATION.cutoff * stretches[0].tick_s:
+        return None
+    if not all(_throughout(load, each.time_s) for each in stretches):
+        return None
+    return [_to_the_ends(load.at(each.time_s)) for each in stretches]
+
+
+def _throughout(load: TimeSeries, time_s: FloatArray) -> bool:
+    inside_s = load.between(time_s[0], time_s[-1]).time_s
+    steps_s = np.diff(inside_s, prepend=time_s[0], append=time_s[-1])
+    return bool(np.max(steps_s) <= LONGEST_GAP_S)
+
+
+def _to_the_ends(values: FloatArray) -> FloatArray:
+    """The nearest that is known, where none is."""
+    known = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(values.size), known, values[known])
 
 
 def _slopes(pairs: Sequence[_Pair]) -> FloatArray:

@@ -14,7 +14,7 @@ from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.counts import UNIFORM_DEVIATION, moving, resolution_rad, unquantised
 from norton_bench.identification.fed_back import near_limit
-from norton_bench.identification.kernels import FULL_BAND, TABLE_PER_UNIT, Kernel
+from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from norton_bench.identification.readings import noise_deviation, nominal_period_s, sampled_at_s, taken_late_s
 from norton_bench.records import Measured, Table, has_device_clock, sent_ns
 from norton_bench.segments import Use
@@ -35,8 +35,6 @@ MOST_UNEVEN = 0.25
 UNEVEN_QUANTILES = (0.05, 0.95)
 Span = tuple[float, float]  # begin and end [s]
 SHORTEST_STRETCH_TICKS = 100
-# The other machine's motion is used only where there is as much of it.
-FEWEST_OTHERS = 100
 # Rows of a shaft that hardly moves are left out, unless little else would remain.
 LEAST_MOVING_SHARE = 0.1
 # After a rest of this length nobody knows what the friction holds; it is known again where the motion tells.
@@ -64,9 +62,7 @@ class Signals:
     ``usable`` marks what may be fitted; the rest is there because friction and amplifier remember it. ``rests`` are the
     ends of longer rests, as indices of ``time_s``; within a rest counts do not tell what becomes of the friction.
     ``torque_nm`` and ``current`` are None where nothing measures them; current comes as it was read, for drives report
-    it more slowly than anything can be interpolated. ``other`` is the other machine's position as it was read, None
-    where that was not read often enough for what is fitted, or not throughout. ``smoothed`` are the readings that
-    ``path_rad`` comes from.
+    it more slowly than anything can be interpolated. ``smoothed`` are the readings that ``path_rad`` comes from.
     """
 
     tick_s: float
@@ -81,7 +77,6 @@ class Signals:
     rests: IntArray
     torque_nm: FloatArray | None = None
     current: "TimeSeries | None" = None
-    other: "TimeSeries | None" = None
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
     position_period_s: float = 0.0  # between two readings
@@ -108,7 +103,7 @@ def signals(
     count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
     streams = _streams(measured, motion, port, origin_ns, count_rad)
     runs_s = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
-    runs_s += [stream.time_s for name, stream in streams.items() if name not in ("current", "other")]
+    runs_s += [stream.time_s for name, stream in streams.items() if name != "current"]
     if of_both:
         runs_s += [instants(table, origin_ns)[0] for table in (measured.motion, measured.load_motion)]
     stretches = [
@@ -171,14 +166,6 @@ class TimeSeries:
         (time_s, value), (_, of_other), table = self._filled(), other._filled(), OF_MOTION.table()
         return np.asarray(loops.resample_both(time_s, value, of_other, self.period_s, grid_s, table, TABLE_PER_UNIT))
 
-    def throughout(self, start_s: float, end_s: float, tick_s: float) -> "TimeSeries | None":
-        """The readings of a span; None where they are too slow for the whole band, or missing for longer than
-        LONGEST_GAP_S."""
-        inside = self.between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S)
-        steps_s = np.diff(np.clip(inside.time_s, start_s, end_s), prepend=start_s, append=end_s)
-        shows_all = 0.0 < self.period_s * FULL_BAND.cutoff <= INTERPOLATION.cutoff * tick_s
-        return inside if shows_all and np.max(steps_s) <= LONGEST_GAP_S else None
-
     def _filled(self) -> tuple[FloatArray, FloatArray]:
         steps = np.diff(self.time_s)
         gaps = np.flatnonzero((steps > LONGEST_STEP * self.period_s) & (steps < LONGEST_GAP_S))
@@ -220,9 +207,6 @@ def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, coun
         stream = stream_of(torque, "torque_nm", origin_ns)
         sign = 1.0 if port is Port.ACTUATOR else -1.0
         streams["torque"] = replace(stream, value=sign * stream.value)
-    other = measured.load_motion if port is Port.ACTUATOR else measured.motion
-    if len(other) > FEWEST_OTHERS and nominal_period_s(other["arrival_ns"]) > 0.0:
-        streams["other"] = positions_of(other, origin_ns)
     if len(measured.current) and port is Port.ACTUATOR:
         streams["current"] = stream_of(measured.current, "current_a", origin_ns)
     return streams
@@ -321,7 +305,6 @@ def _stretch(
         rests=_ends_of_rests(moves, tick_s),
         torque_nm=None if torque is None else torque.at(time_s),
         current=streams["current"].between(start_s, end_s) if "current" in streams else None,
-        other=streams["other"].throughout(start_s, end_s, tick_s) if "other" in streams else None,
         position_noise=_density_of_counts(streams["position"], streams["path"].value, time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
         position_period_s=streams["position"].period_s,

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from norton_bench.identification.bootstrap import NORMAL_95, Readings, Scatter, Simulation, scatter_of
+from norton_bench.identification.bootstrap import Readings, Scatter, Simulation, scatter_of
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.fit import fit
 from norton_bench.identification.motor_values import PHYSICAL, physical
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
 from norton_bench.identification.simulated_bench import EvenSpline, ReadingErrors
+from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from norton_bench.identification import other_encoder
 from norton_bench.identification.bootstrap import Readings, Simulation, scatter_of, stated_energy
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.kernels import FULL_BAND
@@ -79,7 +80,7 @@ def true_energy(measured, fine, band=FULL_BAND):
 
 
 def shown(measured):
-    return shown_energy(stretches_of(measured), STILL, FULL_BAND)
+    return shown_energy(stretches_of(measured), measured.load_motion, STILL, FULL_BAND)
 
 
 def readings_of(measured, **more):
@@ -192,14 +193,24 @@ def test_counts_of_both_that_err_alike_are_seen_in_simulated_records(fine):
     assert np.std(errors_of_simulated(bench.with_load(compliance))) > 0.1 * counts
 
 
+def test_what_simulated_records_are_wrong_by_is_taken_off(hiding, monkeypatch):
+    measured, stretches, solution = hiding
+    stated = stated_energy(stretches, solution.regression.rows[0].kernel)
+    scatter, factors = 1e-3 * np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), []
+    for off in (0.0, 0.2):
+        wrong = (off + scatter) * stated
+        monkeypatch.setattr(other_encoder, "errors_of_simulated", lambda bench, wrong=wrong: wrong)
+        factors.append(with_errors_seen(readings_of(measured), stretches, solution)[0].errors_seen.factor)
+    assert factors[0] - factors[1] == pytest.approx(0.2, rel=0.05)
+
+
 def test_a_simulated_load_is_twisted_by_the_torque(fine):
     stretches = stretches_of(fine)
     solution = solve(stretches)
     bench = Simulation.of(readings_of(fine), stretches, solution)
     record = bench.with_load(0.05).record(np.random.default_rng(3))
-    assert shown_energy(stretches_of(record), solution.shape, FULL_BAND).compliance_rad_nm == pytest.approx(
-        0.05, rel=0.01
-    )
+    found = shown_energy(stretches_of(record), record.load_motion, solution.shape, FULL_BAND)
+    assert found.compliance_rad_nm == pytest.approx(0.05, rel=0.01)
 
 
 def test_errors_of_simulated_records_are_undone_by_their_true_energy(hiding):
