@@ -31,24 +31,35 @@ PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
 FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
 
 
+@dataclass(frozen=True)
+class Design:
+    """Observers and gains for one load; ``anticipation`` where one that knows the actuator's friction has margins."""
+
+    tracking: Tracking
+    gains: TorqueGains
+    anticipation: Anticipation | None
+
+
 @lru_cache(maxsize=16)
-def _designed(calibration: LoadCalibration, tick_s: float) -> tuple[Tracking, TorqueGains, Anticipation | None]:
+def _designed(calibration: LoadCalibration, tick_s: float) -> Design:
     """Kept, as the cases of a campaign have one calibration. Raises ExperimentError as the designs do."""
     tracking = design_tracking(calibration, tick_s)
     gains = design_torque_loop(calibration, tracking.observer, tick_s)
-    return tracking, gains, design_anticipation(calibration, gains, tick_s)
+    return Design(tracking, gains, design_anticipation(calibration, gains, tick_s))
 
 
 @dataclass
 class AdmittanceController:
     """Each tick: ``update`` (or ``observe`` while something else decides), then ``note_sent`` with what was sent.
 
-    Construction designs the gains and takes a second or two. Raises ExperimentError where no gains keep their margins.
+    Construction designs the gains, unless there is a ``design`` already, and takes a second or two. Raises
+    ExperimentError where no gains keep their margins.
     """
 
     calibration: LoadCalibration
     tick_s: float
     torque_limit_nm: float
+    design: Design | None = None
     _frees: bool = field(default=True, init=False)  # zero torque is asked for
     _rigid: bool = field(default=False, init=False)
     _leads: bool = field(default=False, init=False)  # along a free motion that was foreseen
@@ -60,7 +71,8 @@ class AdmittanceController:
         c = self.calibration
         self._whole = floor(c.drive_delay_s / self.tick_s)
         into_tick_s = c.drive_delay_s - self._whole * self.tick_s
-        self._tracking, self._gains, self._anticipation = _designed(c, self.tick_s)
+        design = self.design or _designed(c, self.tick_s)
+        self._tracking, self._gains, self._anticipation = design.tracking, design.gains, design.anticipation
         self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
         self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
         self._feed = FeedForward(

@@ -5,9 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from norton_bench.control.admittance import AdmittanceController
+from norton_bench.control.admittance import AdmittanceController, Design
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
+from norton_bench.control.design import DOUBTS, EFFORTS, TorqueGains, Tracking, doubting_observer, nominal_bench
 from norton_bench.control.preview import high_passed
+from norton_bench.control.regulator import design_regulator
+from norton_bench.control.torque_loop import Anticipation
 from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.friction_laws import family_for
 from norton_bench.identification.friction_model import Path
@@ -39,7 +42,7 @@ def warm_up() -> None:
     """Call all compiled code once, with made-up readings; the results are not used."""
     measured = _made_up()
     _warm_fit(signals(measured, TICK_S, Use.CALIBRATE, Port.ACTUATOR))
-    AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0)
+    AdmittanceController(LOAD, TICK_S, torque_limit_nm=1.0, design=_made_up_design())
     NETWORK.free_motion([0.0], TICK_S)
     high_passed(np.zeros(1), 0.5)
     _warm_friction()
@@ -62,6 +65,15 @@ def _warm_friction() -> None:
     for model in family_for(path):
         columns = model.columns(path, np.ones(len(model.unknowns)) * 0.5)
         part_sums(columns, swing, np.zeros(len(swing), dtype=np.int64))
+
+
+def _made_up_design() -> Design:
+    """Of the right shapes: a search for gains with margins takes a second, and compiles nothing."""
+    bench = nominal_bench(LOAD, TICK_S)
+    observer = doubting_observer(LOAD, bench, DOUBTS[0], (1.0, 1.0, 1.0), TICK_S)
+    gains = TorqueGains(0.0, 0.0, 1.0, 0.0)
+    tracking = Tracking(observer, design_regulator(bench, EFFORTS[0], TICK_S))
+    return Design(tracking, gains, Anticipation(observer, LOAD.drive_delay_s, gains))
 
 
 def _made_up() -> Measured:
