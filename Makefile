@@ -1,4 +1,5 @@
 # Two commands carry a newcomer: `make demo` and `make test`. Each sets everything up on a fresh clone.
+# CI runs `make test-long`, too.
 # Python keeps what it has compiled: hundreds of processes begin here.
 unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
@@ -6,7 +7,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test check guard compiled rounding mutants newcomer socketcan bench clean
+.PHONY: demo test test-long check guard compiled rounding mutants newcomer socketcan bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -17,9 +18,13 @@ $(READY): pyproject.toml
 demo: $(READY)  ## identify a simulated actuator through real frames and bytes
 	$(BIN)/norton-bench demo
 
-test: $(READY)  ## everything CI runs
-	$(MAKE) --jobs 2 compiled check rounding guard
-	$(BIN)/pytest
+test: $(READY)  ## style, types, import floors, and all tests but the long ones
+	$(MAKE) --jobs 2 compiled check guard
+	$(BIN)/pytest -m "not long" --durations 10
+
+test-long: $(READY)  ## whole sessions, statistics of many records, waits for the clock
+	$(MAKE) --jobs 2 compiled rounding
+	$(BIN)/pytest -m long
 
 # What rounding might decide, once more as a processor without vector extensions rounds. One process: the other core is busy.
 rounding: compiled

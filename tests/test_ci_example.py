@@ -15,7 +15,7 @@ from tests.bench.half_rate import half_rate_text
 ROOT = Path(__file__).parents[1]
 WORKFLOW = (ROOT / "examples" / "ci" / "norton-bench.yml").read_text()
 # Three sessions, each in a fresh process.
-pytestmark = pytest.mark.timeout(900)
+pytestmark = [pytest.mark.timeout(900), pytest.mark.long]
 # Still far better known than what the session expects.
 SHORTER = {'duration = "2 s" ': 'duration = "1 s" ', 'duration = "4 s"': 'duration = "2 s"'}
 STEPS = dict(re.findall(r"^ +- name: (.+)\n +run: (.+)$", WORKFLOW, re.MULTILINE))

@@ -75,6 +75,7 @@ def test_identify_prints_parameters_and_its_network_can_be_used(folder: Path) ->
     assert velocity == pytest.approx(0.02 / 1e-3, rel=0.05)
 
 
+@pytest.mark.long
 def test_own_session_finds_the_heavier_actuator(folder: Path) -> None:
     said = example("own_session.py", 1, folder=folder)
     value, std = map(float, re.findall(r"inertia (\S+) ± (\S+) kg\*m\^2, where 8e-05 is true", said)[0])
@@ -82,6 +83,7 @@ def test_own_session_finds_the_heavier_actuator(folder: Path) -> None:
     assert 0 < std < 0.03 * 8e-5
 
 
+@pytest.mark.long
 def test_own_script_goes_on_until_friction_is_known(folder: Path) -> None:
     said = example("own_script.py", 0.03, folder=folder)
     value, plus_minus, rounds = re.findall(
@@ -92,6 +94,7 @@ def test_own_script_goes_on_until_friction_is_known(folder: Path) -> None:
     assert 1 <= int(rounds) <= 5
 
 
+@pytest.mark.long
 def test_the_script_in_the_docs_runs_as_printed(folder: Path) -> None:
     (text,) = re.findall(
         r"```python\n(.*?)```", (ROOT / "docs" / "scripting.md").read_text(encoding="utf-8"), re.DOTALL
@@ -104,6 +107,7 @@ def test_the_script_in_the_docs_runs_as_printed(folder: Path) -> None:
     assert float(value[1]) == pytest.approx(0.02, rel=0.01)
 
 
+@pytest.mark.long
 def test_networks_shows_one_actuator_in_four_shapes_a_muscle_and_an_arm(folder: Path) -> None:
     said = example("networks.py", folder=folder)
     # A spring that is its source's match is moved half of its way, to within what 1 s leaves of the oscillation.

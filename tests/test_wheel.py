@@ -54,6 +54,7 @@ def test_rigs_sessions_scripts_and_docs_are_in_it(wheel: ZipFile) -> None:
         assert there <= names
 
 
+@pytest.mark.long
 def test_the_plugin_works_in_a_project_with_folders_of_the_same_names(tmp_path: Path) -> None:
     for name, text in PROJECT.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)

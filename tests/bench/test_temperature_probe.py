@@ -109,6 +109,7 @@ def test_mistakes_in_its_section_are_told_with_their_place() -> None:
         parse_rig(text.replace('driver = "celsius"', 'driver = "celsius"\nrange = 3'), place="probe.toml")
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_loop_in_a_process_of_its_own_hears_it_on_a_pseudo_terminal(tmp_path: Path) -> None:
     section = SECTION.format(port=tmp_path / "probe")

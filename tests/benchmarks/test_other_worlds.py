@@ -33,6 +33,7 @@ def test_every_world_departs_half_as_much_at_half_the_strength(world):
         assert half.spring.stiffness_nm_rad == pytest.approx(2 * whole.spring.stiffness_nm_rad)
 
 
+@pytest.mark.long
 def test_the_true_motor_is_predicted_as_it_is():
     """Without cogging the network is the plant: what is left is what ticks of 0.1 ms make of it."""
     rig, truth = truth_of(worlds.CONTROL)

@@ -28,6 +28,7 @@ def test_a_session_is_planned_for_at_least_the_ticks_asked(ticks: int) -> None:
     assert 18 < ticks * rig.tick_s / (len(session.steps) / 2) < 60
 
 
+@pytest.mark.long
 def test_a_short_soak_reads_what_grows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.soak.TURN", (Step("rest", RestOptions(duration_s=20.0)),))
     found = soak(20_000, looks=2)

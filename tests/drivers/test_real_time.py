@@ -240,6 +240,7 @@ def keeping() -> Iterator[tuple[subprocess.Popen[str], int]]:
         it.kill()
 
 
+@pytest.mark.long
 def test_somebody_stays_awake_who_gives_way_to_everybody() -> None:
     with keeping() as (loop, spinner):
         soon(lambda: os.sched_getscheduler(spinner) == os.SCHED_IDLE, WITHIN_S)
@@ -253,6 +254,7 @@ def test_somebody_stays_awake_who_gives_way_to_everybody() -> None:
         assert children(loop.pid) == []
 
 
+@pytest.mark.long
 def test_of_a_loop_that_is_killed_nobody_is_left_awake() -> None:
     with keeping() as (loop, spinner):
         soon(lambda: cpu_ticks(spinner) > 5, WITHIN_S)

@@ -97,6 +97,7 @@ def heard(take: Callable[[], list[TorqueReading]], link: Link, duration_s: float
     return readings
 
 
+@pytest.mark.long
 def test_a_modbus_server_is_known_polled_and_lost(modem: NullModem, link: Link) -> None:
     with program(MODBUS_SERVER, modem.far, "all"):
         sensor = dyn200.open_torque_sensor(polled(modem), link)

@@ -74,6 +74,7 @@ def again(ask: Callable[[], Any], good: Callable[[Any], bool]) -> Any:
     raise AssertionError(f"never answered as it should: {said}")
 
 
+@pytest.mark.long
 def test_robotis_library_enables_moves_and_reads_a_servo(folder: Path) -> None:
     sdk: Any = dynamixel_sdk.PacketHandler(2.0)
     with opened(dynamixel_sdk.PortHandler(str(folder / "dynamixel"))) as port:

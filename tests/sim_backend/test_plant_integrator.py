@@ -94,6 +94,7 @@ def worst(found: np.ndarray, reference: np.ndarray) -> float:
     return float((np.abs(found - reference).max(axis=0)[scale > 0] / scale[scale > 0]).max())
 
 
+@pytest.mark.long
 def test_coupled_pair_converges_to_radau_with_second_order(truth, commands):
     sensor = truth.torque_sensor
     reference = radau(truth, commands, sensor.stiffness_nm_rad, sensor.damping_nm_s_rad)
@@ -104,6 +105,7 @@ def test_coupled_pair_converges_to_radau_with_second_order(truth, commands):
     assert worst(plant_rows(truth, commands, 0.5e-6), reference) < 1e-6
 
 
+@pytest.mark.long
 def test_arms_that_hang_on_either_side_agree_with_radau(truth, commands):
     hung = {"gravity": Gravity(amplitude="0.2 N*m", zero="0.4 rad")}
     heavy = truth.model_copy(
@@ -115,12 +117,14 @@ def test_arms_that_hang_on_either_side_agree_with_radau(truth, commands):
     assert worst(plant_rows(truth, commands, 1.0), reference) > 0.01
 
 
+@pytest.mark.long
 def test_substeps_of_everyday_use_are_accurate(truth, commands):
     sensor = truth.torque_sensor
     reference = radau(truth, commands, sensor.stiffness_nm_rad, sensor.damping_nm_s_rad)
     assert worst(plant_rows(truth, commands, 1.0), reference) < 1e-3
 
 
+@pytest.mark.long
 def test_free_motor_agrees_with_radau(truth, commands):
     alone = commands * [1, 0]
     reference = radau(truth, alone, 0.0, 0.0)
@@ -128,6 +132,7 @@ def test_free_motor_agrees_with_radau(truth, commands):
     assert worst(plant_rows(free, alone, 0.5e-6), reference) < 1e-6
 
 
+@pytest.mark.long
 def test_a_clamped_motor_agrees_with_radau(truth, commands):
     alone = commands * [1, 0]
     sensor = truth.torque_sensor

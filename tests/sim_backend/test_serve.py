@@ -88,6 +88,7 @@ def served_wiring(request: pytest.FixtureRequest, wiring: Wiring, tmp_path: Path
     )
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_another_process_enables_both_drives_and_streams(
     served_wiring: Wiring, simulated: dict[str, object], tmp_path: Path
@@ -132,6 +133,7 @@ def test_another_process_enables_both_drives_and_streams(
     assert not any(os.path.lexists(tmp_path / "ports" / name) for name in ("bota", "can0"))
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_sensor_that_has_to_be_asked_is_asked_from_another_process(
     wiring: Wiring, simulated: dict[str, object], tmp_path: Path
@@ -158,6 +160,7 @@ def test_a_sensor_that_has_to_be_asked_is_asked_from_another_process(
     assert all(abs(reading.torque_nm * 1e3 - round(reading.torque_nm * 1e3)) < 1e-9 for reading in readings)
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_any_python_can_program_hears_it(wiring: Wiring, simulated: dict[str, object], tmp_path: Path) -> None:
     assert wiring.torque_sensor is not None
@@ -180,6 +183,7 @@ def test_any_python_can_program_hears_it(wiring: Wiring, simulated: dict[str, ob
     assert DBC.decode_message("Axis0_Get_Version", heard[2 << 5])["Fw_Version_Minor"] == 6
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_faults_happen_in_wall_time(served_wiring: Wiring, simulated: dict[str, object]) -> None:
     faults = [
@@ -289,6 +293,7 @@ def test_a_port_that_cannot_be_made_is_said_so(path: str) -> None:
         ServedPort(path)
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 @pytest.mark.parametrize("served_wiring", ["slcan"], indirect=True)
 def test_an_slcan_adapters_flags_and_a_sensor_at_another_baud(

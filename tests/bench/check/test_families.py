@@ -12,6 +12,8 @@ from norton_bench.check.check import Permission, check_rig
 from norton_bench.rig.load import load_rig, parse_rig
 from norton_bench.rig.rig import Rig
 
+pytestmark = pytest.mark.long
+
 RIGS = Path(__file__).parents[3] / "rigs"
 NAMES = ("odrive", "cia402", "mit", "moteus", "vesc", "damiao", "robstride", "cubemars", "dyn200")
 ODRIVE, CIA402, MIT, MOTEUS, VESC, DAMIAO, ROBSTRIDE, CUBEMARS, DYN200 = (RIGS / f"sim-{name}.toml" for name in NAMES)

@@ -52,6 +52,7 @@ EVERY_COMMAND = [
 HEAVY = "numba textual matplotlib pyarrow norton_sim scipy numpy pint can canopen filterpy pydantic h5py google mcap"
 
 
+@pytest.mark.long
 def test_help_version_and_completion_import_nothing_heavy() -> None:
     """What takes longer than 0.1 s, or makes it long together: all of these end within 0.3 s of processor time."""
     code = f"""
@@ -75,6 +76,7 @@ def test_the_version_is_that_of_the_package(run: Run, flag: str) -> None:
     assert run(flag) == (ExitCode.OK, f"{version('norton-bench')}\n", "")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [["--help"], ["-V"], ["rig"], ["devices"], ["devices", "--json"], ["info"]])
 @pytest.mark.parametrize("closed", [1, 2])
 def test_a_reader_who_has_left_is_no_failure(arguments: list[str], closed: int) -> None:
@@ -93,6 +95,7 @@ def test_a_reader_who_has_left_is_no_failure(arguments: list[str], closed: int) 
     assert b"Unexpected failure" not in said
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no full device")
 @pytest.mark.parametrize("arguments", [["--help"], ["-V"], ["devices"], ["devices", "--json"], ["completion", "bash"]])
 def test_output_that_cannot_be_written_is_told(arguments: list[str]) -> None:
@@ -169,6 +172,7 @@ def test_every_mistake_of_a_rig_file_is_a_line(run: Run, tmp_path: Path) -> None
     assert sorted(line.split(": ")[1] for line in err.splitlines()) == ["[limits] stale_aftr", "[limits] velocity"]
 
 
+@pytest.mark.long
 def test_as_a_program_too() -> None:
     done = program("identify", "rigs/none.toml")
     assert done.returncode == ExitCode.USAGE
@@ -190,6 +194,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_anything_moves(run: Run, tm
     assert "choose another with --out" in err
 
 
+@pytest.mark.long
 def test_an_unplugged_rig_ends_with_the_connection_or_the_timeout_code(run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     text = (
@@ -218,6 +223,7 @@ def test_the_rig_check_for_people_names_devices_and_streams(run: Run) -> None:
     assert all(word in out for word in ("actuator: odrive", "torque_sensor: bota", "motion", "1000 Hz"))
 
 
+@pytest.mark.long
 def test_readings_slower_than_they_may_be_are_told(run: Run, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG.read_text().replace('"1 kHz"', '"5 kHz"').replace('stale_after = "100', 'stale_after = "0.5'))
@@ -235,6 +241,7 @@ def test_the_truth_is_what_the_rig_file_says(run: Run) -> None:
     assert "amplifier_bandwidth" in run("sim", "truth", RIG)[1]
 
 
+@pytest.mark.long
 def test_devices_are_listed(run: Run) -> None:
     code, out, _ = run("devices", "--json")
     assert code == ExitCode.OK

@@ -156,6 +156,7 @@ def test_ctrl_c_pauses_enter_goes_on_and_ctrl_c_twice_stops(tmp_path: Path, term
     assert terminal.events()[-1] == "stopped by the operator: Ctrl-C"
 
 
+@pytest.mark.long
 def test_a_paused_session_can_be_aborted(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, LONG)
     terminals.append(terminal)
@@ -169,6 +170,7 @@ def test_a_paused_session_can_be_aborted(tmp_path: Path, terminals: list[Termina
     assert "stopped by the operator: aborted while paused" in terminal.said
 
 
+@pytest.mark.long
 def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, ASKING)
     terminals.append(terminal)
@@ -182,6 +184,7 @@ def test_a_prompt_is_answered_with_a_line(tmp_path: Path, terminals: list[Termin
     assert re.search(r"recording +out/sim-odrive.mcap", terminal.said)
 
 
+@pytest.mark.long
 def test_sigterm_stops_at_once(tmp_path: Path, terminals: list[Terminal]) -> None:
     terminal = Terminal(tmp_path, LONG)
     terminals.append(terminal)

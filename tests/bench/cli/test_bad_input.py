@@ -255,6 +255,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
 def test_a_file_that_cannot_be_used_is_one_sentence(case: Case, tmp_path: Path) -> None:
     for name, text in case.files.items():
@@ -286,6 +287,7 @@ def test_a_mark_at_the_beginning_of_a_file_is_passed_over(tmp_path: Path) -> Non
     assert (done.returncode, done.stderr) == (ExitCode.OK, "")
 
 
+@pytest.mark.long
 def test_a_port_that_is_not_there_is_told_in_the_systems_words_once(tmp_path: Path) -> None:
     (tmp_path / "r.toml").write_text(rig(ON_NOTHING, NOWHERE))
     done = norton_bench(tmp_path, "rig", "check", "r.toml", "--backend", "hardware")
@@ -335,6 +337,7 @@ NO_RECORDING: dict[str, tuple[str, ...]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("command", "mend"),
     [

@@ -33,6 +33,7 @@ def fitted(log: Path, *options: str) -> int:
     return main(["fit", str(log), "--columns", str(log.parent / "map.toml"), *options])
 
 
+@pytest.mark.long
 def test_json_is_that_of_identify_with_errors_and_ladder(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert fitted(log, "--json", "--quiet", "--test", "6:8 s") == 0
     printed = capsys.readouterr()
@@ -79,6 +80,7 @@ def test_a_doubtful_log_fails_and_says_why(log: Path, capsys: pytest.CaptureFixt
     assert any("sign = -1" in said for said in found["verdict"])
 
 
+@pytest.mark.long
 def test_a_log_without_a_map_gets_one_that_serves_from_then_on(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     log.write_text(log.read_text().replace("t,q,w,u,u2,tau", "t [s],q [rad],w [rad/s],x1,u2,tau [Nm]", 1))
     proposed = log.parent / "log.map.toml"
@@ -111,6 +113,7 @@ def test_predictions_are_a_table_with_units_in_its_header(log: Path, capsys: pyt
     assert "cannot be written" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_bag_of_several_joints_asks_for_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(write_bag(tmp_path / "arm", robot(wrench_hz=200.0)))
     assert main(["fit", folder]) == 2

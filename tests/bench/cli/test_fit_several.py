@@ -55,6 +55,7 @@ def fitted(folder: Path, *names: str, options: tuple[str, ...] = ("--json",)) ->
     return main(["fit", *(str(folder / name) for name in names), *options])
 
 
+@pytest.mark.long
 def test_sessions_of_one_rig_are_fitted_together(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,6 +93,7 @@ def test_sessions_of_one_rig_are_fitted_together(
     assert all(part in page for part in ("worn.mcap", "Between sessions", "<svg", "3 sessions", "2026-11-21 10:00:00"))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("fit_alone")
 def test_for_people_there_is_a_table_of_spreads(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert fitted(folder, "day 1/bench.mcap", "day 2/bench.mcap", options=()) == ExitCode.OK
@@ -130,6 +132,7 @@ def nothing_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(several, "conclude_recording", lambda *_: pytest.fail("fitted something"))
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("nothing_is_fitted")
 def test_what_cannot_be_combined_is_refused_before_anything_is_fitted(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

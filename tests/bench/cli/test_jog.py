@@ -43,6 +43,7 @@ def test_values_are_held_and_everything_is_told(tmp_path: Path, capsys: pytest.C
     assert recording.measured.ticks["command"][-1] == 0.0
 
 
+@pytest.mark.long
 def test_an_imposed_velocity_is_calibrated_for_and_reached(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, found, _ = jog(tmp_path, capsys, "--load-velocity", "5 rad/s", "--duration", "1.5 s")
     assert code == ExitCode.OK
@@ -86,6 +87,7 @@ def test_what_cannot_be_is_refused_before_anything_is_opened(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_served_devices_are_moved_and_left_idle(tmp_path: Path) -> None:
     rig = rig_of_its_own(tmp_path, group="239.74.163.88", **HALF_RATE)

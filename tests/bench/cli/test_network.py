@@ -123,6 +123,7 @@ def test_a_motor_that_was_converted_is_a_motor_again(files: Path, capsys: pytest
     assert replace(found, provenance={}) == replace(MOTOR, provenance={})
 
 
+@pytest.mark.long
 def test_networks_are_joined_geared_and_seen_through_others(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A series-elastic drive made of files alone: motor, gear of 10, spring, and a link with its weight."""
     spring, link = files / "spring.network.json", files / "link.network.json"

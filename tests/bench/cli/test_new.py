@@ -78,6 +78,7 @@ def conversation(tmp_path: Path) -> Iterator[Conversation]:
     made.close()
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversation, tmp_path: Path) -> None:
     for question, answer in (
@@ -118,6 +119,7 @@ def test_a_person_is_asked_again_until_the_answer_can_be(conversation: Conversat
     assert "norton-bench identify can run on it: tare, free, validate" in conversation.said
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_person_steps_back(conversation: Conversation, tmp_path: Path) -> None:
     for question, answer in (
@@ -165,6 +167,7 @@ def test_a_person_steps_back(conversation: Conversation, tmp_path: Path) -> None
     assert "can0" not in conversation.said.partition("bus.can8.channel")[2].partition("bus.can8.bitrate")[0]
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_contradictions_are_told_and_asked_once_more(tmp_path: Path) -> None:
     source = (ROOT / "rigs" / "sim-odrive.toml").read_text()
@@ -192,6 +195,7 @@ def run(tmp_path: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_scripted(tmp_path: Path) -> None:
     done = run(tmp_path, "r.toml", *ALONE, "--json")
     said = json.loads(done.stdout)
@@ -202,6 +206,7 @@ def test_scripted(tmp_path: Path) -> None:
     assert (alone.returncode, json.loads(alone.stdout)) == (0, {"rig": "s.toml"})
 
 
+@pytest.mark.long
 def test_checked_on_the_hardware_where_that_is_said(tmp_path: Path) -> None:
     """There is none: the file is written all the same, and the exit code is the check's."""
     done = run(tmp_path, "r.toml", *ALONE, "--check", "hardware")

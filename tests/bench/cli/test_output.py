@@ -178,6 +178,7 @@ def test_what_is_written_is_true_within_a_tenth_of_the_deviation(value: float, r
     assert abs(float(deviation) - std) <= 0.051 * std
 
 
+@pytest.mark.long
 @given(
     st.recursive(
         st.floats() | st.text() | st.integers(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)

@@ -33,6 +33,7 @@ def decibels(larger: float, smaller: float) -> float:
     return 20 * np.log10(larger / smaller)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stiffness", [50.0, 200.0, 1000.0])
 def test_feedback_alone_holds_the_port_torque_20_db_below_the_undriven_load(stiffness: float) -> None:
     settings, command = PlantSettings(stiffness=stiffness), slow_command(3000)

@@ -42,6 +42,7 @@ def gains_of(calibration: LoadCalibration) -> TorqueGains:
     return design_torque_loop(calibration, design_tracking(calibration, TICK_S).observer, TICK_S)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "settings",
     [
@@ -60,6 +61,7 @@ def test_feedback_that_knows_the_friction_holds_the_port_25_db_below_the_undrive
     assert 20 * np.log10(undriven_rms_nm(settings, command) / held_nm) > 25.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("error", [0.8, 1.25])
 def test_a_friction_and_an_inertia_that_are_far_off_leave_it_as_good_as_it_was(error: float) -> None:
     settings, command = PlantSettings(), slow_command(3000)
@@ -106,6 +108,7 @@ def _overshoot(settings: PlantSettings) -> float:
     return float(np.max(np.abs(wishes[300:])) / np.mean(wishes[-50:]))
 
 
+@pytest.mark.long
 def test_margins_tell_which_law_shakes_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:
     """With far too much feedback beside it no observer has margins; made to run all the same, it does shake."""
     settings = PlantSettings()

@@ -58,6 +58,7 @@ def law(observer: Observer, gains: TorqueGains, share: float, damping_nms_rad: f
     return torque_control(observer, share * gains.proportional, share * gains.integral_per_s, damping_nms_rad, TICK_S)
 
 
+@pytest.mark.long
 @settings(max_examples=8)
 @given(calibrations(), st.floats(0.95, 1.08), st.floats(-0.4, 0.4), st.floats(0.85, 1.15))
 def test_stable_on_a_bench_that_the_calibration_missed(
@@ -204,6 +205,7 @@ def test_sensitivity_of_a_weak_loop_is_that_of_its_continuous_model() -> None:
     assert found.sensitivity == pytest.approx(np.max(1 / np.abs(1 - loop)), rel=0.02)
 
 
+@pytest.mark.long
 def test_no_margins_no_gains_but_a_sentence_with_what_would_help(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a bench that is 12 ms late, with few candidates: delay is what has to be mended, and counts would not."""
     monkeypatch.setattr(design, "GENTLE_EFFORTS", ())
@@ -249,6 +251,7 @@ RINGING = LoadCalibration(
 )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("calibration", [COARSE, LATE, RINGING], ids=["coarse", "late", "ringing"])
 def test_other_gains_where_the_usual_ones_are_not_stable(
     calibration: LoadCalibration, monkeypatch: pytest.MonkeyPatch

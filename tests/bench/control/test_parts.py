@@ -54,6 +54,7 @@ def test_the_contact_slides_as_dahl_has_it(force: float, displacement: float, st
     assert abs(slid) <= coulomb * (1 + 1e-12)
 
 
+@pytest.mark.long
 @given(st.floats(-0.008, 0.008), st.floats(-3.0, 3.0), st.floats(1.0, 200.0), st.floats(0.0, 0.2))
 def test_friction_over_a_tick_is_its_mean_and_bounded(
     force: float, velocity: float, stiffness: float, damper: float
@@ -72,6 +73,7 @@ def test_friction_over_a_tick_is_its_mean_and_bounded(
     assert abs(mean - viscous * velocity) <= coulomb + built_up + 1e-12
 
 
+@pytest.mark.long
 @given(st.floats(0.0, 2.5e-3), st.floats(0.05, 0.95))
 def test_the_sampled_bench_is_the_continuous_one(delay_s: float, share: float) -> None:
     """A command changes once, on its way for ``delay_s``; the state within a later tick against scipy."""
@@ -264,6 +266,7 @@ def dated(arrived_s: FloatArray, counts: FloatArray | None = None) -> FloatArray
     return np.array([clock[0] if core.steady_arrival(clock, at, count) else np.nan for at, count in known])
 
 
+@pytest.mark.long
 @given(st.integers(0, 1000), st.floats(0.9e-3, 1.1e-3), st.lists(st.integers(300, 1900), max_size=20, unique=True))
 def test_a_steady_device_is_dated_without_its_jitter(seed: int, period_s: float, lost: list[int]) -> None:
     """Against the instants themselves; what is lost leaves a gap, and a late burst does not bend the clock."""

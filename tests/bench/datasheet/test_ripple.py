@@ -51,6 +51,7 @@ def searched(of: Samples) -> float:
     return float(periods[np.argmax(np.where((periods >= 1.0) & (periods <= 400.0), power, 0.0))])
 
 
+@pytest.mark.long
 def test_the_interval_holds_the_amplitude() -> None:
     held = 0
     for seed in range(40):
@@ -78,6 +79,7 @@ def test_an_error_of_the_angle_is_no_cogging() -> None:
     assert order.angle_error_rad.amplitude == pytest.approx(5e-4, abs=2 * order.angle_error_rad.half_width)
 
 
+@pytest.mark.long
 def test_where_nothing_stands_out_nothing_is_told() -> None:
     """Of 30 records without a line, in each of which the greatest of all lines was looked for."""
     assert looked_at(samples(1).position_rad) > 400

@@ -172,6 +172,7 @@ def test_it_says_what_was_not_measured(recorded: Sheet, alone: Sheet) -> None:
     assert "From the network alone" in " ".join(remarks(alone))
 
 
+@pytest.mark.long
 def test_a_page_needs_nothing_else_and_is_the_same_again(recorded: Sheet) -> None:
     page = html([recorded])
     assert page == html([recorded])
@@ -180,6 +181,7 @@ def test_a_page_needs_nothing_else_and_is_the_same_again(recorded: Sheet) -> Non
         assert f'id="{picture}"' in page
 
 
+@pytest.mark.long
 def test_a_network_alone_has_no_measured_points(alone: Sheet) -> None:
     page = html([alone])
     assert 'id="bode"' in page
@@ -208,6 +210,7 @@ def test_a_network_tells_which_of_its_values_are_not_valid() -> None:
     assert "dahl_motor" not in html([sheet])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_pictures")
 def test_on_paper_it_is_the_same_file_again(alone: Sheet, tmp_path: Path) -> None:
     first, second = (write_pdf(tmp_path / name, [alone]).read_bytes() for name in ("a.pdf", "b.pdf"))
@@ -304,6 +307,7 @@ def test_data_has_a_unit_and_an_interval_for_every_figure(recorded: Sheet) -> No
     assert data["measured"]["spectra"]["averages"] > 0
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("few_pictures")
 def test_the_command_writes_page_paper_and_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = tmp_path / "a.network.json", tmp_path / "b.network.json"

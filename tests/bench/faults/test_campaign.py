@@ -13,6 +13,7 @@ from tests.bench.half_rate import half_rate
 RIGS = Path(__file__).parents[3] / "rigs"
 
 
+@pytest.mark.long
 def test_outcomes_come_in_the_order_of_the_cases() -> None:
     rig = half_rate("sim-odrive")
     names = ("host stalls for a moment", "adapter unplugged")

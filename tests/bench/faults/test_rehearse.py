@@ -48,6 +48,7 @@ def assert_safe(outcome: CaseResult) -> None:
         assert outcome.peak.velocity_rad_s <= RIG.limits.velocity_rad_s
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", QUICK, ids=lambda case: f"{case.name} on {case.on}")
 def test_the_short_round_ends_safely(outcome_of: Callable[[str, str], CaseResult], case: Case) -> None:
     outcome = outcome_of(case.name, case.on)
@@ -88,6 +89,7 @@ def elastic() -> Prepared:
     return prepare(half_rate("sim-series-elastic"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "on", "words"),
     [
@@ -121,6 +123,7 @@ def test_a_fault_that_nobody_notices_is_told_so(prepared: Prepared) -> None:
     assert (outcome.guard, outcome.detected_s) == ("", None)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("table", "words"),
     [

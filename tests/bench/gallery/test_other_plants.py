@@ -8,6 +8,8 @@ from norton_bench.gallery import spring
 from norton_bench.gallery.paper import CATALOGUE
 from tests.bench.gallery.experiments import SPRING, measured
 
+pytestmark = pytest.mark.long
+
 SEED = 5
 # What the claims depend on, and the number of their rows.
 PLANTS = {

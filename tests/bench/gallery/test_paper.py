@@ -12,6 +12,8 @@ from norton_bench.gallery import paper
 from norton_bench.gallery.paper import CATALOGUE, prove, rigs_in, write_gallery
 from tests.bench.gallery.experiments import measured
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 
 

@@ -25,6 +25,7 @@ def rungs(experiment, result):
     return bench_ladder(signals(experiment, TICK_S, Use.IDENTIFY), result)
 
 
+@pytest.mark.long
 def test_dahl_is_recognised(rungs):
     best = selected(rungs)
     assert best.name == "dahl"
@@ -54,6 +55,7 @@ def test_values_beside_the_friction_are_true(equation):
     assert fit.value("presliding_displacement") == pytest.approx(deflection, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "coefficients", "shape"), [("coulomb-viscous", [1e-3, 0.02], []), ("stribeck", [1e-3, 0.02, 0.01], [2.0])]
 )

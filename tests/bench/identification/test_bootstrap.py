@@ -65,6 +65,7 @@ def test_readings_have_the_errors_that_they_are_given() -> None:
     assert np.std(read - np.linspace(0.0, 50.0, rate.size)) == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.long
 def test_simulated_torque_is_as_rough_as_the_readings_whatever_made_them_so() -> None:
     """What is rough about the torque itself, simulated as well, is not taken for noise of the sensor and added once
     more: the variance would be 1.8 times as great here."""
@@ -89,6 +90,7 @@ FINE_BENCH = synthetic.Bench(
 )
 
 
+@pytest.mark.long
 def test_what_the_shaft_does_between_readings_is_no_damping() -> None:
     """Friction along a path that is cut short at turns is late; taken for damping, that is 5 to 8 deviations here."""
     measured = synthetic.experiment(2, STIFF, FINE_BENCH, free=False, blocked=False)
@@ -99,6 +101,7 @@ def test_what_the_shaft_does_between_readings_is_no_damping() -> None:
     assert abs(damping.value - STIFF.presliding_damping) < 2.5 * damping.std
 
 
+@pytest.mark.long
 def test_commands_do_not_travel_like_readings_of_an_adapter_that_stood_still() -> None:
     """For 18 ms every 5 s: its readings come all at once then."""
     measured = synthetic.experiment(4, free=False, blocked=False)
@@ -113,6 +116,7 @@ def test_commands_do_not_travel_like_readings_of_an_adapter_that_stood_still() -
     assert np.std(held_up) == pytest.approx(np.std(usual), rel=0.1)
 
 
+@pytest.mark.long
 def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None:
     """What is left is the fit's own numerics: far less than noise makes of it."""
     measured = synthetic.experiment(4, free=False)
@@ -130,6 +134,7 @@ def test_without_errors_of_readings_the_fit_gives_back_what_was_put_in() -> None
     assert np.all(np.abs(deviations) < 0.5), dict(zip(PHYSICAL, deviations, strict=True))
 
 
+@pytest.mark.long
 def test_the_same_recording_gives_the_same_scatter_and_the_size_that_residuals_give() -> None:
     measured = synthetic.experiment(4, free=False, blocked=False)
     stretches = signals(measured, TICK_S, Use.IDENTIFY)

@@ -74,6 +74,7 @@ def test_a_drive_that_reports_its_current_slowly_will_do(short):
     assert estimate.std < 0.01 * estimate.value
 
 
+@pytest.mark.long
 def test_a_current_in_coarse_steps_widens_its_interval_alone(short, result_of_short):
     """As a VESC's: cut off towards zero to 0.1 A, read as the middle of each step."""
     current = short.current.copy()
@@ -97,6 +98,7 @@ def test_a_contact_that_the_encoder_does_not_resolve_is_not_told(result_of_short
     assert not [sentence for sentence in result_of_short.verdict if "does not resolve" in sentence]
 
 
+@pytest.mark.long
 def test_a_motion_that_chatters_within_its_counts_needs_finer_ones():
     """Five to the way in which this friction builds up are enough, but not where the path errs unseen by a third."""
     bench = synthetic.brief(1, bench=Bench(counts=15700.0))
@@ -114,6 +116,7 @@ def test_a_motion_that_chatters_within_its_counts_needs_finer_ones():
     assert [sentence for sentence in chatters.verdict if "less smooth than its counts tell" in sentence]
 
 
+@pytest.mark.long
 def test_coarse_counts_widen_the_intervals_of_friction(result_of_short):
     """0.02 degrees: a sixth of the way in which this friction builds up."""
     measured = synthetic.brief(1, bench=Bench(counts=18_000.0))
@@ -150,6 +153,7 @@ def test_other_true_values_are_found_as_well(seed):
     assert np.all(np.abs(deviates(result, truth)) < 4.5)
 
 
+@pytest.mark.long
 def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
     """Every twentieth command lies below the least one: taken for a lag, that makes the amplifier seem quicker."""
     bench = Bench(least_command=2e-3)
@@ -165,6 +169,7 @@ def test_a_drive_that_lets_go_at_zero_has_no_lag_there():
     assert other.value - lag.value > 5 * lag.std
 
 
+@pytest.mark.long
 def test_a_sensor_that_averages_is_no_lag_of_the_amplifier():
     """Three readings are as wide as 2.83 ms of a flat average."""
     measured = synthetic.brief(1, multisine_s=28.0)
@@ -284,6 +289,7 @@ def test_a_noisy_sensor_widens_the_loads_interval_and_hides_no_scale():
         assert estimate.std < 0.05 * estimate.value
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "bench",
     [Bench(cogging_nm=0.0), Bench(serial_delay_s=1160e-6 + TICK_S / 2)],
@@ -311,6 +317,7 @@ def test_cogging_is_taken_out(short):
     assert np.hypot(cosine, sine) == pytest.approx(0.3e-3, rel=0.1)
 
 
+@pytest.mark.long
 def test_the_amplitude_of_cogging_has_an_interval():
     """Each seed has another noise, and another size. Of ten intervals of 95 %, fewer than seven hold the truth once in
     1000; the rms is 1 ± 0.22."""

@@ -84,6 +84,7 @@ def experiment():
     return plan.add("imposed", "loop", Use.IDENTIFY, np.zeros(1000), synthetic.IMPOSED, None, loop)
 
 
+@pytest.mark.long
 def test_plan_record_reported_deviation_and_scatter_of_fits_agree():
     """Over ``SEEDS`` fits a scatter is itself known to 20 %; the rest of the tolerance is the motion not being quite
     as planned and the residual not being quite white."""

@@ -20,6 +20,8 @@ from tests.bench.identification import synthetic
 from tests.bench.identification.few_draws import judged_with_few_draws
 from tests.bench.identification.synthetic import TICK_S, Departs
 
+pytestmark = pytest.mark.long
+
 # Deviations that chance passes once in 400 runs of ten numbers.
 FAR = 3.7
 BENCH = synthetic.Bench(departs=Departs(joint_stiffness=10.0, joint_damping=4e-3, output_inertia=1e-5))

@@ -20,6 +20,7 @@ def rungs_of(name, coefficients, shape=(), seed=1):
     return ladder(equation_of(model(name), coefficients, shape, path, NOISE, seed), list(map(model, QUICK)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("truth", "coefficients", "shape", "wanted"),

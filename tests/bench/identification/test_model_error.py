@@ -54,6 +54,7 @@ def changed(error, relative, kind=DRAG):
     return replace(error, departures=(Departure(kind, 5e-4, 0.5, 6e-4, 1e-9, change),))
 
 
+@pytest.mark.long
 def test_nothing_is_said_of_the_papers_motor(result, error):
     assert error.departures == ()
     assert not error.unexplained
@@ -70,6 +71,7 @@ def test_a_torque_limit_is_as_good_as_what_was_taken_off_to_find_it(error, resul
     assert estimates[-1] == replace(limit, status=status)
 
 
+@pytest.mark.long
 def test_torque_that_waited_for_the_loop_is_no_change_of_the_motor(varied):
     """On a serial line: the wait differs from pause to pause, by up to a tick."""
     torque = varied.torque.copy()
@@ -88,6 +90,7 @@ def test_the_stated_error_has_no_cogging_that_the_network_has(error):
     assert low < -20 < 20 < high
 
 
+@pytest.mark.long
 def test_a_wrong_network_states_a_greater_error(result, stretches, unseen, experiment):
     """Of segments that no fit has seen: values that are off show there."""
     wrong = replace(result, network=replace(result.network, coulomb_torque_nm=1.1 * result.network.coulomb_torque_nm))
@@ -135,6 +138,7 @@ def test_more_than_noise_that_nothing_explains_spoils_all(result, error):
     assert "nothing that was looked at explains it" in told.verdict[0]
 
 
+@pytest.mark.long
 def test_the_zero_is_compared_with_the_tare(result, stretches, experiment, error):
     """0.3 s of 1 mN·m of noise tell the zero to 0.06 mN·m; what was read at rest stands where the two differ."""
     assert abs(error.zero.moved_nm) < 4 * error.zero.std_nm
@@ -177,6 +181,7 @@ def test_no_machine_has_a_negative_inertia(result):
     assert "No network is written" in below.verdict[-1]
 
 
+@pytest.mark.long
 def test_a_fit_alone_is_judged_as_a_session_is(varied):
     """What a sweep reports: here with friction that is not the same both ways."""
     torque = varied.torque.copy()

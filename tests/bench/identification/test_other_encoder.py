@@ -128,6 +128,7 @@ def test_a_load_whose_clock_wanders_shows_it(fine):
         assert abs(each.energy - true) < max(2.0 * doubt, 0.07 * true)
 
 
+@pytest.mark.long
 def test_noise_behind_counts_is_found_and_undone(noisy, hiding):
     """Readings alone do not tell it: the inertia is 12 % off."""
     measured, stretches, before = hiding
@@ -142,6 +143,7 @@ def test_noise_behind_counts_is_found_and_undone(noisy, hiding):
     assert seen.moved[INERTIA] == now - was
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("bench", "errors"),
     [
@@ -171,6 +173,7 @@ def test_errors_that_are_greater_later_are_no_change_of_the_machine():
     assert failed_checks(solution, values, np.sqrt(np.diag(covariance)), TICK_S) == ()
 
 
+@pytest.mark.long
 def test_a_spring_that_is_not_the_calibrated_one_is_not_believed(hiding):
     measured, stretches, solution = hiding
     nothing, known_to = np.zeros(0), []
@@ -213,6 +216,7 @@ def test_a_simulated_load_is_twisted_by_the_torque(fine):
     assert found.compliance_rad_nm == pytest.approx(0.05, rel=0.01)
 
 
+@pytest.mark.long
 def test_errors_of_simulated_records_are_undone_by_their_true_energy(hiding):
     """Each as well as the real one: not knowing it widens."""
     measured, stretches, before = hiding

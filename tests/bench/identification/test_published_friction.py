@@ -74,6 +74,7 @@ def test_emps_asymmetric_is_as_published(emps):
     assert relative(emps, fit) <= 0.0311
 
 
+@pytest.mark.long
 def test_emps_better_still_on_data_not_seen(emps):
     names = ("coulomb-viscous", "coulomb-viscous-asymmetric", "stribeck-asymmetric", "maxwell-slip-asymmetric")
     rungs = ladder(emps, list(map(model, names)))
@@ -117,6 +118,7 @@ def test_tribometer_dahl_is_as_others_found(tribometer):
     assert stiffness == pytest.approx(36.4e3, rel=0.1)
 
 
+@pytest.mark.long
 def test_tribometer_best_operator_on_data_not_seen(tribometer):
     names = ("dahl", "elasto-plastic", "maxwell-slip", "elasto-plastic-asymmetric", "maxwell-slip-asymmetric")
     rungs = ladder(tribometer, list(map(model, names)))

@@ -61,6 +61,7 @@ def coarse():
     return read_by(2048.0)
 
 
+@pytest.mark.long
 def test_contamination_is_what_the_counts_add_to_the_squares(coarse):
     fine = read_by(2.0**23)
     shape = Shape(600.0, 500.0, 1.41e-3, -0.91e-3)
@@ -75,6 +76,7 @@ def test_contamination_is_what_the_counts_add_to_the_squares(coarse):
     assert squares[0][VISCOUS] - squares[1][VISCOUS] == pytest.approx(added[VISCOUS], rel=0.5)
 
 
+@pytest.mark.long
 def test_the_band_ends_where_a_coarse_encoder_drowns_the_torque(coarse):
     solution = solve(coarse)
     band = solution.regression.rows[0].kernel
@@ -85,6 +87,7 @@ def test_the_band_ends_where_a_coarse_encoder_drowns_the_torque(coarse):
     assert solution.linear[INERTIA] == pytest.approx(Truth().inertia, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_fine_encoder_leaves_the_full_band(experiment):
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)
     solution = solve(stretches)
@@ -110,6 +113,7 @@ def test_a_step_that_is_too_long_is_tried_clipped_and_then_straight(share):
     assert [np.abs(b).max() <= np.abs(a).max() for a, b in pairwise(tried[:half])] == [True] * (half - 1)
 
 
+@pytest.mark.long
 def test_what_a_slow_sensor_hardly_tells_is_settled_all_the_same():
     """A lag and a delay that stand for each other in so low a band: clipped each for itself, no step went downhill."""
     unsettled = []
@@ -122,6 +126,7 @@ def test_what_a_slow_sensor_hardly_tells_is_settled_all_the_same():
     assert unsettled == []
 
 
+@pytest.mark.long
 def test_the_slopes_are_those_of_the_cost(experiment):
     """Against differences of what is minimised: delays that move cogging, jerk and friction's memory included."""
     solution = solve(signals(experiment, TICK_S, Use.IDENTIFY))

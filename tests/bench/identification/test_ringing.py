@@ -73,6 +73,7 @@ def ringing_at(experiment, result, resonance_hz, ratio):
     return Expansion.of(result, signals(readings, TICK_S, Use.IDENTIFY), ())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("off", "ratio"), [(1.0, 0.02), (0.985, 0.05), (1.01, 0.02)])
 def test_ringing_is_named_whatever_stiffness_and_damping_are_within_what_is_known(experiment, result, off, ratio):
     at = ringing_at(experiment, result, off * RESONANCE_HZ, ratio)
@@ -81,6 +82,7 @@ def test_ringing_is_named_whatever_stiffness_and_damping_are_within_what_is_know
     assert "at some 1015 Hz, and it is read at 1000 Hz" in found[0].kind.cause
 
 
+@pytest.mark.long
 def test_where_nothing_rings_nothing_is_named(experiment, result):
     at = Expansion.of(result, signals(experiment, TICK_S, Use.IDENTIFY), ())
     assert departures(at, others=ringing(result, coupling())) == ()
@@ -115,6 +117,7 @@ def found_in(measured, result, spring):
 
 
 # At exactly the rate of the readings stiffer and softer springs look alike: the prior decides there.
+@pytest.mark.long
 @pytest.mark.parametrize(("off", "ratio", "within"), [(1.0, 0.02, 0.01), (0.985, 0.06, 0.03)])
 def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment, result, off, ratio, within):
     """Its damping could be anything, its stiffness is known to 2 %, and the load is 150 µs later than was told."""
@@ -134,6 +137,7 @@ def test_the_readings_tell_the_spring_where_the_calibration_does_not(experiment,
     assert np.std(left) < 0.2 * np.std(put_in)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("resonance_hz", "presliding_damping", "calibrated"),
     [
@@ -173,6 +177,7 @@ def test_parameters_biased_by_ringing_are_corrected(resonance_hz, presliding_dam
         assert estimate.std > abs(moved) / np.sqrt(3.0)
 
 
+@pytest.mark.long
 def test_a_bench_that_does_not_ring_stays_as_it_was_read(brief, result_of_brief):
     quiet, stretches, _ = found_in(brief, result_of_brief, coupling())
     assert quiet.measured is brief
@@ -187,6 +192,7 @@ def test_nothing_is_looked_for_where_nothing_can_be_aliased(experiment, result, 
     assert found_in(experiment, result, spring)[0].measured is experiment
 
 
+@pytest.mark.long
 def test_nothing_is_subtracted_where_the_loads_commands_follow_the_torque(experiment, result):
     """The same ringing, in steps of torque feedback alone."""
     measured = shaken(experiment, result, coupling().damped(0.02, Truth().inertia))
@@ -275,6 +281,7 @@ def test_an_oscillator_is_taken_exactly_across_a_step(ratio):
     np.testing.assert_allclose(across_step(rings**2, 2 * ratio * rings, step_s), exact, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_friction_contact_holds_what_oscillates_after_a_turn():
     """Dahl's law along a slow motion and a quick one, integrated by LSODA, less what it gives along the slow one alone:
     once the shaft slides, after a turn, the contact no longer damps the oscillation."""
@@ -311,6 +318,7 @@ def test_a_friction_contact_holds_what_oscillates_after_a_turn():
     assert error((0.0, 0.0)) > 0.3
 
 
+@pytest.mark.long
 def test_live_values_are_not_biased_by_ringing_either():
     """Of a calibration and imposed motion, on a spring that oscillates at 1200 Hz."""
     bench = Bench(stiffness=(2 * np.pi * 1200.0) ** 2 / MOBILITY, damping=0.01, noise_nm=3e-4)

@@ -34,6 +34,7 @@ def test_a_step_leads_down_also_where_more_is_taken_off_for_errors_than_there_is
     assert better.cost < at.cost
 
 
+@pytest.mark.long
 def test_a_bandwidth_that_is_hardly_told_is_followed_to_the_side_of_the_box_with_its_delay() -> None:
     """In the noise of this record a lag of nothing is likelier than the true one: the search must end there, at its
     side, with the delay that then stands for all of it."""

@@ -16,6 +16,8 @@ from norton_bench.models.terms import NetworkTerm
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
+pytestmark = pytest.mark.long
+
 # Half of the usual number: each session's intervals are as wide as so few make them.
 FEWER_DRAWS = DRAWS // 2
 

@@ -77,6 +77,7 @@ def true_values(name, middle_s):
     return true | dict(zip((each.name for each in TERM_BY_NAME[name].parameters), values, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_a_term_and_the_motor_beside_it_are_found(name):
     """By a fit that was told the term; the bench is integrated by other code, in other steps."""
@@ -108,6 +109,7 @@ def test_slopes_are_those_of_the_prediction(name):
         assert np.std(slope - expected) < 0.05 * np.std(expected)
 
 
+@pytest.mark.long
 def test_a_departure_asks_for_its_term_and_gets_it():
     """From the recording to the verdict, by evidence alone."""
     bench = synthetic.Bench(departs=Departs(stribeck_drop=0.3))

@@ -117,6 +117,7 @@ def test_rows_near_turns_count_for_as_much_as_they_are_known():
     assert plain.weighed(turns.near, np.where(turns.near, 0.3, 1.0) * residual).wider == 1.0
 
 
+@pytest.mark.long
 def test_what_coarse_counts_hide_about_turns_does_not_reach_the_inertia():
     """Counts of 0.77 mrad, a contact that slides within 0.46: the rest of the motion tells the inertia."""
     truth = Truth(viscous_damping=4e-4, coulomb_torque=0.0146, presliding_stiffness=32.0, presliding_damping=0.0136)

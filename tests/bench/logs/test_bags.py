@@ -81,6 +81,7 @@ def check_robot(content: Content) -> None:
     assert not content.remarks
 
 
+@pytest.mark.long
 def test_a_folder_with_a_database(tmp_path: Path, messages: list[Message]) -> None:
     folder = write_bag(tmp_path / "bag", messages)
     assert is_bag(folder)
@@ -191,6 +192,7 @@ def test_protobuf_with_a_stamp_and_parts(tmp_path: Path) -> None:
     np.testing.assert_allclose(content.times_s["/lab/angle_rad"], 1e-3 * np.arange(60), atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrench_hz", [1000.0, 200.0, 70.0])
 def test_a_joint_is_fitted_with_a_sensor_of_another_rate(tmp_path: Path, wrench_hz: float) -> None:
     folder = write_bag(tmp_path / "bag", robot(wrench_hz=wrench_hz))

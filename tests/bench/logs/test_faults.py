@@ -159,6 +159,7 @@ def test_a_fault_that_can_be_left_out_is_named(tmp_path: Path, name: str) -> Non
     assert not fit.doubtful
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", DOUBTED)
 def test_a_fault_that_spoils_everything_leaves_no_valid_number(tmp_path: Path, name: str) -> None:
     text, fault, said = DOUBTED[name]
@@ -184,6 +185,7 @@ def test_a_sound_log_is_not_suspected(tmp_path: Path, text: str) -> None:
     assert confident_errors(fit) == []
 
 
+@pytest.mark.long
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_no_fault_anywhere_gives_a_confident_wrong_number(tmp_path: Path, data: st.DataObject) -> None:

@@ -108,6 +108,7 @@ def test_a_delay_of_nothing_that_the_map_gives_is_not_sought(tmp_path: Path) -> 
     assert "command_shift" not in given
 
 
+@pytest.mark.long
 def test_a_forgotten_pendulum_is_a_poor_fit_and_no_failure(tmp_path: Path) -> None:
     log = TRUE.log()
     q, _, _ = TRUE.motion(log["t"])
@@ -117,6 +118,7 @@ def test_a_forgotten_pendulum_is_a_poor_fit_and_no_failure(tmp_path: Path) -> No
     assert np.isfinite(fit.totals[0].std)
 
 
+@pytest.mark.long
 def test_counts_that_are_in_the_known_load_as_well_are_within_the_intervals(tmp_path: Path) -> None:
     """The load takes twice what the machine does, computed from the same counted angle."""
     off, turn = [], 2 * np.pi / 2**13
@@ -279,6 +281,7 @@ def test_train_and_test_by_time(tmp_path: Path) -> None:
     assert fit_of(tmp_path, TRUE.log()).test.exertion is None
 
 
+@pytest.mark.long
 def test_train_and_test_by_file(tmp_path: Path) -> None:
     other = replace(TRUE, inertia=0.1)
     paths = [write_csv(tmp_path / f"{name}.csv", one.log()) for name, one in (("a1", TRUE), ("a2", TRUE), ("b", other))]
@@ -316,6 +319,7 @@ def test_splits_that_cannot_be_are_said(tmp_path: Path, train: str, said: str) -
     assert said in str(raised.value)
 
 
+@pytest.mark.long
 def test_every_file_may_have_windows_of_its_own(tmp_path: Path) -> None:
     paths = [write_csv(tmp_path / f"{name}.csv", TRUE.log()) for name in ("a1", "a2", "b")]
     request = Request(tuple(paths), column_map(FREE), train="a* 0:4 s, b.csv 2:4 s, b.csv 5:6 s", test="b.csv 7: s")
@@ -328,6 +332,7 @@ def test_every_file_may_have_windows_of_its_own(tmp_path: Path) -> None:
     assert fit.test.exertion is not None
 
 
+@pytest.mark.long
 def test_the_ladder_lists_every_model_and_the_best_is_the_true_one(tmp_path: Path) -> None:
     text = FREE.replace('candidates = ["coulomb-viscous"]', 'candidates = ["coulomb-viscous", "stribeck", "dahl"]')
     fit = fit_of(tmp_path, TRUE.log(), text.replace('friction = "coulomb-viscous"', 'friction = "best"'))
@@ -349,6 +354,7 @@ def test_a_maps_split_counts_where_its_logs_are_at_hand(tmp_path: Path) -> None:
     assert alone.test.exertion is None
 
 
+@pytest.mark.long
 def test_a_measured_torque_does_not_explain_itself_as_friction_by_load(tmp_path: Path) -> None:
     """Without a command all of it is taken by the machine: a friction in proportion to it would be any friction."""
     text = LOADED.replace('command = { name = "u2", unit = "A" }', "").replace('candidates = ["coulomb-viscous"]', "")

@@ -135,6 +135,7 @@ def test_what_a_name_tells(name: str, kind: str | None) -> None:
     assert kind_of_column(name) == kind
 
 
+@pytest.mark.long
 def test_a_proposal_asks_for_a_joint_and_serves_for_all(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "log.csv", table())
     with pytest.raises(UsageError, match=r"several joints \(shoulder, elbow\); choose one: --joint NAME"):
@@ -152,6 +153,7 @@ def test_a_proposal_asks_for_a_joint_and_serves_for_all(tmp_path: Path) -> None:
     assert estimate(fit, "inertia").value == pytest.approx(TRUE["shoulder"].inertia, rel=0.02)
 
 
+@pytest.mark.long
 def test_a_bag_with_a_sensor_is_proposed_with_it(tmp_path: Path) -> None:
     folder = write_bag(tmp_path / "bag", robot(wrench_hz=400.0))
     text, said = propose(folder, "elbow")
@@ -163,6 +165,7 @@ def test_a_bag_with_a_sensor_is_proposed_with_it(tmp_path: Path) -> None:
     assert estimate(fit, "inertia").value == pytest.approx(TRUE["elbow"].inertia, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_effort_of_joint_states_is_what_the_drive_exerts(tmp_path: Path) -> None:
     rows: list[Message] = []
     for row, time_s in enumerate(moved("elbow")[0]):

@@ -93,6 +93,7 @@ def test_the_joint_is_found_whatever_tells_the_torque(tmp_path: Path, text: str)
     assert (text is GAINED) or any("A linear spring between motor and link leaves 0." in said for said in fit.verdict)
 
 
+@pytest.mark.long
 def test_a_locked_link_twists_its_joint(tmp_path: Path) -> None:
     held = log(1, locked=True)
     assert np.ptp(held["link"]) == 0.0
@@ -110,6 +111,7 @@ def test_what_is_fitted_of_the_weight_is_transmitted_too(tmp_path: Path) -> None
     assert estimate(fit, "link_stiffness").value == pytest.approx(TRUE["link_stiffness"], rel=0.02)
 
 
+@pytest.mark.long
 def test_encoders_may_be_set_to_zero_anew_in_each_log(tmp_path: Path) -> None:
     logs = [log(seed) | {"link": log(seed)["link"] + zero} for seed, zero in ((1, 0.0), (2, 0.003))]
     paths = tuple(write_csv(tmp_path / f"{index}.csv", each) for index, each in enumerate(logs))

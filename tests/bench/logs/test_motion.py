@@ -82,6 +82,7 @@ def test_a_drive_that_is_off_is_not_driven() -> None:
     assert simulate(machine(damping=0.1), FREE_PORT, OPEN, inputs, 0.5, 0.0, STEP_S)[-1] == 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("weight", "port"), [(0.3, 0.0), (0.0, 0.3), (0.2, 0.1)])
 def test_a_slide_falls_and_the_port_takes_what_it_takes(weight: float, port: float) -> None:
     found = simulate(machine(), Load(0.05, weight=weight), OPEN, STILL._replace(port=NOTHING + port), 0, 0, STEP_S)

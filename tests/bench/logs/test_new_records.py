@@ -13,6 +13,8 @@ from norton_bench.logs.slow import drift_columns
 from norton_bench.models.parameters import Status
 from tests.bench.logs.machines import FREE, Columns, Machine, column_map, estimate, fit_of, write_csv
 
+pytestmark = pytest.mark.long
+
 TRUE = Machine(duration_s=12.0)
 OTHER = replace(TRUE, seed=2, phases=(2.0, 0.1, 0.7))
 

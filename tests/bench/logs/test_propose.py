@@ -116,6 +116,7 @@ def test_a_proposal_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     assert path.read_text() == "mended"
 
 
+@pytest.mark.long
 def test_the_log_of_the_five_minutes_gives_the_values_that_the_docs_show() -> None:
     root = Path(__file__).parents[3]
     path, docs = root / "examples" / "logs" / "joint.csv", (root / "docs" / "logs.md").read_text()

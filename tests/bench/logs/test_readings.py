@@ -120,6 +120,7 @@ def behind_sensor(seed: int, rate_hz: int, bits: int, late_s: tuple[float, float
     }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate_hz", "bits", "late_s", "gravity"),
     [

@@ -39,6 +39,7 @@ def check_emps(fit: LogFit, looser: float = 1.0) -> None:
         assert found.value == pytest.approx(published, rel=share * looser)
 
 
+@pytest.mark.long
 def test_emps_is_what_its_authors_published(emps: LogFit) -> None:
     """But their law does not hold: what other laws agree in is known all the same."""
     check_emps(emps)
@@ -58,6 +59,7 @@ def test_emps_best_is_lower_and_not_by_fitting_noise(emps: LogFit) -> None:
     assert best.held_out_relative < published.held_out_relative
 
 
+@pytest.mark.long
 def test_emps_finds_its_delay_and_a_model_of_few_numbers() -> None:
     """The command is held for a sample: it acts half a sample later, and whatever the drive's own lag is."""
     few = shipped("emps").model.model_copy(update={"candidates": ("stribeck-asymmetric", "film-asymmetric")})
@@ -70,6 +72,7 @@ def test_emps_finds_its_delay_and_a_model_of_few_numbers() -> None:
     assert 0.4e-3 < estimate(fit, "command_shift").value < 1.0e-3
 
 
+@pytest.mark.long
 def test_emps_halves_agree_and_neither_is_spoilt_by_what_a_quarter_of_it_does_not_excite() -> None:
     """The first quarters move one way most of the time: fitted alone, they would have no friction the other way."""
     column_map = shipped("emps")
@@ -115,6 +118,7 @@ def test_the_same_map_fits_other_records_of_that_rig(tmp_path: Path, change: Cal
     check_emps(fit_logs(Request((tmp_path / "other.mat",), alone)), looser=1.5)
 
 
+@pytest.mark.long
 def test_tribometer_in_presliding() -> None:
     fit = fit_logs(Request((data_file("tribometer", "first_half.tsv"),), shipped("tribometer")))
     assert fit.train.exertion is not None
@@ -125,6 +129,7 @@ def test_tribometer_in_presliding() -> None:
     assert not fit.doubtful
 
 
+@pytest.mark.long
 def test_the_tribometers_second_half_is_foretold_by_its_first_as_a_record_of_its_own(tmp_path: Path) -> None:
     header, *rows = data_file("tribometer", "first_half.tsv").read_text().splitlines()
     halves = tmp_path / "first.tsv", tmp_path / "second.tsv"

@@ -9,6 +9,8 @@ from norton_bench.logs.refine import Beginning, ServoRung, held_out, servo_ladde
 from norton_bench.logs.servo import LADDER, FittedLogs, spread_of_equals
 from tests.bench.logs.servos import TRUTH, measured, pendulum
 
+pytestmark = pytest.mark.long
+
 # As an equation of motion would say it that knows nothing of the load's friction: up to a third wrong.
 BEGIN = Beginning(
     gain=0.4 / 4.0,

@@ -10,6 +10,8 @@ from norton_bench.logs.results import LogFit
 from norton_bench.models.parameters import Status
 from tests.bench.real_data import ROOT, data_file
 
+pytestmark = pytest.mark.long
+
 # Mean absolute error of the position at kp 800, rad. The last of these logs sticks at one of two places.
 MOST_RAD = 0.06
 # A refit of Coulomb and viscous friction alone, trained and tested on the same logs, came to 0.045 and 0.102.

@@ -49,6 +49,7 @@ def run(bench: Bench, segment: Segment) -> None:
         bench.loop.run(segment)
 
 
+@pytest.mark.long
 def test_segments_one_after_the_other(bench: Bench) -> None:
     """Between them the drives are idle for as long as it takes, and have no reason to complain of the silence."""
     for _ in range(3):

@@ -117,6 +117,7 @@ def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:
     assert np.mean(waited["load_velocity_rad_s"][100:]) == pytest.approx(10.0, abs=0.5)
 
 
+@pytest.mark.long
 def test_it_is_not_held_for_ever() -> None:
     with (
         opened(load_rig(RIGS / "sim-odrive.toml")) as bench,

@@ -51,6 +51,7 @@ def memory() -> SharedMemory:
     return SharedMemory(RIG)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=60, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(ticks=st.lists(st.tuples(arrived, st.lists(can_frames | chunks, max_size=4), st.booleans()), max_size=6))
 def test_it_holds_what_the_other_outbox_holds(

@@ -232,6 +232,7 @@ def elastic() -> Iterator[Bench]:
         yield made
 
 
+@pytest.mark.long
 def test_a_healthy_spring_that_is_swayed_is_left_alone(elastic: Bench) -> None:
     measured = run(elastic, swaying(3.0))
     assert len(measured.ticks) == 3000

@@ -85,6 +85,7 @@ def once_it_ticks(loop: LoopProcess, parts: list[Measured], act: Callable[[], No
     return acted_ns
 
 
+@pytest.mark.long
 def test_it_ticks_alone_and_hands_on_all_that_it_sees(rig: Rig, witness: Path) -> None:
     with opened(rig) as (loop, parts):
         assert len(list(Path(f"/proc/{loop.pid}/task").iterdir())) == 1
@@ -120,6 +121,7 @@ def test_it_ticks_alone_and_hands_on_all_that_it_sees(rig: Rig, witness: Path) -
     assert np.all(np.abs(whole.ticks["work_ns"] - work_ns) <= whole.ticks["receive_ns"])
 
 
+@pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2, reason="no core to be had")
 def test_its_core_is_its_own_and_awake_while_drives_are_enabled(rig: Rig, witness: Path) -> None:
     before = os.sched_getaffinity(0)
@@ -139,6 +141,7 @@ def test_its_core_is_its_own_and_awake_while_drives_are_enabled(rig: Rig, witnes
     assert os.sched_getaffinity(0) == before
 
 
+@pytest.mark.long
 def test_the_operators_word_stops_it_at_the_next_tick(rig: Rig, witness: Path) -> None:
     stop = StopWord()
     with opened(rig, stop) as (loop, parts):
@@ -151,6 +154,7 @@ def test_the_operators_word_stops_it_at_the_next_tick(rig: Rig, witness: Path) -
     assert [event.kind for event in join(parts).events] == ["stop"]
 
 
+@pytest.mark.long
 def test_a_session_that_is_late_or_stumbles_and_may_go_on(rig: Rig, witness: Path) -> None:
     """One loop serves them all."""
     with opened(rig) as (loop, parts):
@@ -226,6 +230,7 @@ def thinking_with_the_drives_enabled_idles_them(loop: LoopProcess, parts: list[M
         loop.run(push(0.05))
 
 
+@pytest.mark.long
 def test_the_guard_trips_there_and_is_reset_from_here(tmp_path: Path) -> None:
     rig = rig_of_its_own(tmp_path, "239.74.163.66", **HALF_RATE, **{'velocity = "80 rad/s"': 'velocity = "5 rad/s"'})
     with served(rig) as witness, opened(rig) as (loop, parts):

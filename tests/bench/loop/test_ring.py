@@ -98,6 +98,7 @@ def write_on(ring: Ring, count: int, burst: int) -> None:
             time.sleep(0.0005)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("slots", "burst", "rest_s"), [(4096, 20, 0.005), (16, 0, 0.0), (64, 0, 0.002)])
 def test_a_reader_in_another_process_never_sees_torn_or_reordered_records(
     slots: int, burst: int, rest_s: float

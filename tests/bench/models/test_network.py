@@ -48,6 +48,7 @@ def by_scipy(network, command):
     return np.array(states)
 
 
+@pytest.mark.long
 def test_free_motion_is_the_papers():
     command = 0.06 * np.sin(2 * np.pi * 7 * np.arange(150) * TICK_S)
     position, velocity, acceleration = NETWORK.free_motion(command, TICK_S)

@@ -44,6 +44,7 @@ def by_scipy(network: NortonNetwork, goal: np.ndarray) -> np.ndarray:
     return np.array(places)
 
 
+@pytest.mark.long
 def test_the_free_motion_is_scipys():
     at_once = replace(NETWORK, servo=Servo(1.9536, 0.02198))
     # A step that the limit holds is in it.

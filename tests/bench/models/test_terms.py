@@ -92,6 +92,7 @@ def test_the_table_says_everything_once():
     assert {each.over for each in TERM_PARAMETERS.values()} <= {"", *BY_NAME}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("term", SINGLE, ids=lambda term: term.name)
 def test_free_motion_is_that_of_the_equations(term):
     port = 4e-3

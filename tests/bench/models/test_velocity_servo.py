@@ -47,6 +47,7 @@ def by_scipy(network: NortonNetwork, asked_rad_s: np.ndarray) -> np.ndarray:
     return np.array(velocities)
 
 
+@pytest.mark.long
 def test_the_free_motion_is_scipys():
     at_once = replace(NETWORK, servo=Servo(0.0, 0.04029))
     # A step that the limit holds is in it.

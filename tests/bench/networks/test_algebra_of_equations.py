@@ -105,6 +105,7 @@ def test_a_geared_motor_is_what_scipy_integrates(ratio):
     assert found.position_rad == pytest.approx(expected, abs=1e-5 * np.ptp(expected))
 
 
+@pytest.mark.long
 def test_a_motor_behind_an_elliptic_gear_is_what_scipy_integrates():
     """θ = x + e sin x, n = 1 + e cos x: the motor's inertia comes with n², and n' v² of its acceleration."""
     command = 0.1 * np.sin(2 * np.pi * 5 * np.arange(150) * TICK_S)

@@ -174,6 +174,7 @@ def muscle(*shape):
     return converted(PNEUMATIC, *shape)
 
 
+@pytest.mark.long
 def test_tables_are_as_near_as_they_say():
     """Motion of the muscle for an exertion, by table and in closed form; the error is that of the provenance."""
     for kind in Kind:
@@ -212,6 +213,7 @@ def test_a_converted_network_takes_the_steps_that_it_needs():
     assert motion(network, np.zeros(20), np.full(20, 0.4), TICK_S)[5:] == pytest.approx(-0.1, abs=1e-6)
 
 
+@pytest.mark.long
 def test_two_motors_have_a_free_motion():
     """A Thévenin sum of two motors, which is no motor, as Norton's: its source is what the shaft does alone."""
     both = in_parallel(MOTOR, replace(MOTOR, inertia_kgm2=1e-4))

@@ -110,6 +110,7 @@ def run_in_c(network, commands, port, folder):
     return output
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
 def test_the_exported_c_answers_as_the_network_does(network, tmp_path):
     commands = np.column_stack(

@@ -70,6 +70,7 @@ def signals(network, moving):
     return table
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "network"), NETWORKS.items(), ids=NETWORKS)
 def test_fmpy_runs_it_as_the_network_answers(name, network, tmp_path):
     """Told the inputs of a tick, to 0.2 %. FMPy's own loop records before it sets them: steady commands, to 3 %."""

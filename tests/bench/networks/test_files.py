@@ -52,6 +52,7 @@ def test_a_linear_network_comes_back_digit_by_digit(tmp_path_factory, network):
     assert load(path) == network
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", NETWORKS.values(), ids=NETWORKS)
 def test_every_network_can_be_drawn(network, tmp_path):
     save_plot(network, tmp_path / "n.png")

@@ -42,6 +42,7 @@ def test_equations_and_compiled_steps_move_alike(name):
     assert off(found["v"], expected[1]) < 2e-3
 
 
+@pytest.mark.long
 def test_a_load_on_a_joint_swings_as_two_bodies_do():
     """Beyond a stiff joint it moves as on the rigid motor; the joint of the test lets it swing."""
     body = Load(inertia_kgm2=4e-5)

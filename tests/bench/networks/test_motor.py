@@ -67,6 +67,7 @@ def test_equations_and_compiled_steps_give_the_same_torque(name):
         assert effect > 10 * error or name == "none"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ALL)
 def test_equations_and_compiled_steps_move_alike_under_a_load(name):
     command = wave(20, 0.12, np.random.default_rng(1))

@@ -53,6 +53,7 @@ def test_the_pneumatic_muscle_with_a_load_is_scipys():
     assert pushed.position_rad[1:] == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.long
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 4.0), st.floats(-1.0, 1.0))
 @settings(max_examples=20, deadline=None)
 def test_a_second_command_sets_the_impedance_and_leaves_the_source(c, p, x):
@@ -79,6 +80,7 @@ def test_a_second_command_that_changes_on_the_way_is_scipys():
     assert found.position_rad == pytest.approx(np.concatenate([first[0, :200], later[0]]), abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_conditions_hold_under_every_modulation():
     assert all(found.holds for found in check(VARIABLE))
     slack = replace(VARIABLE, connection=replace(VARIABLE.connection, outputs={"f": "q*(x_N - x) - b*v"}))
@@ -223,6 +225,7 @@ def with_states(exertion, **rates):
     return replace(plain, connection=connection)
 
 
+@pytest.mark.long
 def test_a_maxwell_element_holds_no_place():
     """A spring behind a damper: at rest nothing is left of it."""
     found = findings(with_states("K*(dx - q)", q="20*(dx - q)"))["unique zero"]

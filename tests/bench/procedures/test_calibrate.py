@@ -46,6 +46,7 @@ def test_without_a_deviation_it_is_the_value_that_was_found(std: float) -> None:
     assert likely_presliding_damping_nms_rad(Machine(-0.01, std)) == 0.0
 
 
+@pytest.mark.long
 def test_no_feedback_is_stable_with_a_contact_that_rings_for_ever_but_with_a_likely_one() -> None:
     """Light machines with 4096 counts: the contact of the load is a third of a count long."""
     coarse = replace(

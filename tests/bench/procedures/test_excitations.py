@@ -48,6 +48,7 @@ def port_torque_nm(candidate: Candidate) -> np.ndarray:
     return np.array(torque_nm)
 
 
+@pytest.mark.long
 @settings(max_examples=12, deadline=None)
 @given(
     command=st.floats(0.02, 2.0),

@@ -100,6 +100,7 @@ def free_velocity(command: np.ndarray, delay_s: float) -> np.ndarray:
     return np.interp(ticks - delay_s / RIG.tick_s, ticks, velocity)
 
 
+@pytest.mark.long
 def test_the_actuators_own_torque_vanishes(found: Found) -> None:
     driven = [trial.number for trial in found.result.trials if trial.driven]
     assert max(found.below_db(number) for number in driven) > 30.0
@@ -160,11 +161,13 @@ def stiff(name: str) -> Rig:
     return parse_rig(text, place=name)
 
 
+@pytest.mark.long
 def test_a_load_that_cannot_be_told_from_the_actuator_is_refused() -> None:
     with pytest.raises(ExperimentError, match="load and actuator cannot be separated: the coupling twists too"):
         carried_out(stiff("sim-in-situ"), OPTIONS)
 
 
+@pytest.mark.long
 def test_an_arm_on_the_load_is_found_and_named() -> None:
     """Its weight is told by the twist like the rest: 20 mN·m are 21.05 as its drive counts them."""
     text = (RIGS / "sim-in-situ.toml").read_text(encoding="utf-8")
@@ -175,6 +178,7 @@ def test_an_arm_on_the_load_is_found_and_named() -> None:
         carried_out(rig, OPTIONS)
 
 
+@pytest.mark.long
 def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> None:
     found = carried_out(stiff("sim-odrive"), InSituOptions(trials=4, duration_s=2.0, shake_s=4.0), calibrated)
     assert "cannot be checked" in found.result.assembly[0]
@@ -185,6 +189,7 @@ def test_a_load_that_was_calibrated_is_believed_where_nothing_can_check_it() -> 
     assert load.viscous_damping_nms_rad == pytest.approx(VISCOUS_NMS_RAD, rel=0.03)
 
 
+@pytest.mark.long
 def test_the_viscous_damping_that_was_calibrated_counts_as_the_loads_drive_does() -> None:
     options = InSituOptions(trials=4, duration_s=2.0, shake_s=4.0)
     found = carried_out(half_rate("sim-odrive"), options, calibrated)

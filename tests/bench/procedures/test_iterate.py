@@ -22,6 +22,8 @@ from norton_bench.session.run import learned
 from tests.bench.bench_in_simulation import opened
 from tests.bench.watched import Watched
 
+pytestmark = pytest.mark.long
+
 RIG = load_rig(Path(__file__).parents[3] / "rigs" / "sim-odrive.toml")
 STEP = IterateProcedure(IterateOptions(trials=6, duration_s=2.0))
 

@@ -197,6 +197,7 @@ def test_tare_says_nothing_of_pushes_that_were_not_made() -> None:
     assert (known.tare.moving_load_nm, known.tare.moving_command is None) == (None, False)
 
 
+@pytest.mark.long
 def test_a_loop_faster_than_its_devices_calibrates_as_well() -> None:
     fast = replace(RIG, wiring=replace(RIG.wiring, tick_ns=500_000))
     with opened(fast) as bench:

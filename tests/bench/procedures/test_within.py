@@ -107,6 +107,7 @@ OF_VELOCITY = NortonNetwork(0.8, 300.0, 5e-3, 0.06, 0.05, 10.0, 0.1, command_uni
 SERVO_LOAD = replace(LOAD, inertia_kgm2=3e-3, viscous_damping_nms_rad=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("network", [OF_POSITION, OF_VELOCITY], ids=["position", "velocity"])
 def test_a_shaken_servo_moves_as_its_equations_say(network: NortonNetwork) -> None:
     """Against Radau, but for friction, which is left out."""

@@ -12,6 +12,8 @@ import pytest
 from norton_bench.errors import RigError
 from norton_bench.pytest_plugin.checks import simulated_rig
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 RIG = ROOT / "rigs" / "sim-free-shaft.toml"
 SESSION = """\

@@ -88,6 +88,7 @@ def test_a_disk_that_fills_up_ends_the_recording_in_good_order(small: Path, part
     assert_nothing_is_lost(small / "r.mcap", parts)
 
 
+@pytest.mark.long
 def test_a_session_whose_disk_fills_up_is_stopped_with_the_drives_idle(small: Path, monkeypatch) -> None:
     monkeypatch.setattr(disk, "BYTES_A_TICK", 1.0)  # or it would be refused
     with pytest.raises(ExperimentError, match="the disk is full; what was measured until then is whole"):

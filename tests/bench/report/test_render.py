@@ -85,12 +85,14 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "envelope", few)
 
 
+@pytest.mark.long
 def test_everything_known_shows_every_section(page_of_all: str) -> None:
     page = Outline(page_of_all)
     assert page.sections == SECTIONS
     assert page.pictures == 14
 
 
+@pytest.mark.long
 def test_the_same_data_give_the_same_bytes(full: Result, page_of_all: str, tmp_path) -> None:
     written = write_report(tmp_path / "a" / "r.html", full).read_bytes()
     assert written == page_of_all.encode()
@@ -127,6 +129,7 @@ GONE: dict[str, set[str]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("missing", GONE)
 def test_any_part_may_be_missing(full: Result, missing: str) -> None:

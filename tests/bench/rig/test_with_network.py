@@ -174,6 +174,7 @@ def fitted(rig, out, seed):
     return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
 
 
+@pytest.mark.long
 def test_identified_exported_and_identified_again_it_is_the_same(tmp_path_factory, tmp_path, capsys):
     first = whole_session(tmp_path_factory).result.fit
     path, network = tmp_path / "again.toml", tmp_path / "first.network.json"

@@ -83,6 +83,7 @@ async def moving(app: BenchApp, pilot: Pilot[None], clock: Clock, at_s: float = 
     return await frame(app, pilot)
 
 
+@pytest.mark.long
 async def test_nothing_is_ordered_before_it_was_started(by_hand: Experiment, session: Stand) -> None:
     async with at_hand(by_hand) as (app, pilot):
         await frame(app, pilot)
@@ -93,6 +94,7 @@ async def test_nothing_is_ordered_before_it_was_started(by_hand: Experiment, ses
         assert not {"back_to_zero", "load_up", "by_hand_end", "stop"} & shown(app)
 
 
+@pytest.mark.long
 async def test_every_key_orders_what_it_says(by_hand: Experiment, session: Stand, clock: Clock) -> None:
     """The session obeys none of them: each begins where the one before it did, but for the size of the steps."""
     async with at_hand(by_hand) as (app, pilot):
@@ -119,6 +121,7 @@ async def test_every_key_orders_what_it_says(by_hand: Experiment, session: Stand
             session.orders.clear()
 
 
+@pytest.mark.long
 async def test_space_stops_it_while_a_question_is_open(by_hand: Experiment, session: Stand, clock: Clock) -> None:
     async with at_hand(by_hand) as (app, pilot):
         await moving(app, pilot, clock, 0.5)
@@ -129,6 +132,7 @@ async def test_space_stops_it_while_a_question_is_open(by_hand: Experiment, sess
         assert session.orders == []
 
 
+@pytest.mark.long
 async def test_after_a_stop_it_is_started_again(by_hand: Experiment, session: Stand, clock: Clock) -> None:
     async with at_hand(by_hand) as (app, pilot):
         await moving(app, pilot, clock, 0.5)
@@ -162,6 +166,7 @@ async def test_least_and_greatest_begin_anew(by_hand: Experiment, clock: Clock) 
         assert velocity.least == velocity.value == velocity.greatest
 
 
+@pytest.mark.long
 async def test_it_is_chosen_beside_the_sessions(tmp_path: Path) -> None:
     opening = Opening(lambda _: tmp_path, RIGS / "sim-odrive.toml", folder=ROOT)
     async with at_hand(None, opening=opening) as (app, pilot):  # type: ignore[arg-type]
@@ -226,6 +231,7 @@ async def test_on_a_phone_it_says_when_all_returns_to_zero(by_hand: Experiment, 
         assert "torques off at 40 rad/s" in rows
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
 async def test_it_looks_as_it_did(by_hand: Experiment, clock: Clock, size: tuple[int, int]) -> None:
     """``compare`` fails where the picture is not the one that was kept."""

@@ -28,6 +28,7 @@ assert not [module for module in sys.modules if module.split(".")[0] in ("matplo
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "program",
     [HEADLESS, UNDRAWN, LIGHT],

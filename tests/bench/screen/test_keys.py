@@ -79,6 +79,7 @@ async def test_start_waits_for_its_key(live: Experiment, session) -> None:
         assert "start" not in shown(app)
 
 
+@pytest.mark.long
 async def test_orders_and_that_pause_and_resume_share_a_key(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
@@ -94,6 +95,7 @@ async def test_orders_and_that_pause_and_resume_share_a_key(live: Experiment, se
         assert [order.kind for order in session.orders] == ["pause", "resume"]
 
 
+@pytest.mark.long
 async def test_a_mark_is_typed(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
@@ -105,6 +107,7 @@ async def test_a_mark_is_typed(live: Experiment, session) -> None:
         assert len(session.orders) == 1
 
 
+@pytest.mark.long
 async def test_a_prompt_opens_by_itself_and_is_answered(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
@@ -142,6 +145,7 @@ async def test_abort_asks_first(live: Experiment, session) -> None:
         assert session.closed
 
 
+@pytest.mark.long
 async def test_leaving_a_running_experiment_asks_and_stops_it(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
@@ -181,6 +185,7 @@ async def test_results_follow_the_end(live: Experiment, session, monkeypatch: py
         assert len(opened) == 1
 
 
+@pytest.mark.long
 async def test_views(replayed: Experiment) -> None:
     visible = {
         "1": {"torque", "velocity", "command", "parameters", "steps"},
@@ -196,6 +201,7 @@ async def test_views(replayed: Experiment) -> None:
             assert {widget.id for widget in seen_now} - {"title", "views"} == visible[key]
 
 
+@pytest.mark.long
 async def test_after_the_end_a_resize_draws_everything_again(replayed: Experiment) -> None:
     """No event follows then, so nothing but the resize draws."""
     assert replayed.replay is not None
@@ -239,6 +245,7 @@ async def test_the_log_scrolls(replayed: Experiment) -> None:
         assert at_experiment(app)._back == 0
 
 
+@pytest.mark.long
 async def test_a_replay_is_moved(replayed: Experiment) -> None:
     async with running(replayed) as (app, pilot):
         assert replayed.replay is not None
@@ -345,6 +352,7 @@ async def test_help_lists_every_key_with_what_it_does(live: Experiment) -> None:
         at_experiment(app)
 
 
+@pytest.mark.long
 async def test_the_palette_has_the_keys_actions(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         names = {command.title for command in app.get_system_commands(app.screen)}
@@ -355,6 +363,7 @@ async def test_the_palette_has_the_keys_actions(live: Experiment, session) -> No
         await until(pilot, lambda: live.source is session)
 
 
+@pytest.mark.long
 async def test_the_palette_names_everything_once(live: Experiment, replayed: Experiment) -> None:
     """However many keys a command has, and whatever textual would add of its own."""
     for experiment in (live, replayed):
@@ -364,6 +373,7 @@ async def test_the_palette_names_everything_once(live: Experiment, replayed: Exp
             assert {"Keys", "Quit", "Screenshot"} <= set(names)
 
 
+@pytest.mark.long
 async def test_a_screenshot_goes_where_runs_go_and_makes_the_folder(live: Experiment, tmp_path: Path) -> None:
     """No Downloads folder is asked for."""
     runs = tmp_path / "not yet" / "runs"
@@ -408,6 +418,7 @@ async def test_while_it_is_fitted_there_is_progress_and_no_key_that_does_nothing
         await until(pilot, lambda: "open_report" in shown(app))
 
 
+@pytest.mark.long
 async def test_leaving_while_it_is_fitted_says_what_is_given_up(live: Experiment, session) -> None:
     async with running(live) as (app, pilot):
         await started(live, app, pilot)
@@ -420,6 +431,7 @@ async def test_leaving_while_it_is_fitted_says_what_is_given_up(live: Experiment
         await until(pilot, lambda: session.closed)
 
 
+@pytest.mark.long
 async def test_keys_are_renamed_by_the_settings(live: Experiment, session) -> None:
     async with running(live, Settings(theme="nord", keys={"start": "f2", "tare": "f3"})) as (app, pilot):
         assert app.theme == "nord"
@@ -431,6 +443,7 @@ async def test_keys_are_renamed_by_the_settings(live: Experiment, session) -> No
         assert session.orders == [Order("tare")]
 
 
+@pytest.mark.long
 async def test_rig_and_session_are_chosen(tmp_path: Path) -> None:
     opening = Opening(lambda _: tmp_path, folder=ROOT)
     async with running(None, opening=opening) as (app, pilot):
@@ -450,6 +463,7 @@ async def test_rig_and_session_are_chosen(tmp_path: Path) -> None:
         assert app.experiment.source is None
 
 
+@pytest.mark.long
 async def test_a_session_that_the_rig_cannot_perform_is_marked_and_says_why(tmp_path: Path) -> None:
     rig = ROOT / "rigs" / "sim-free-shaft.toml"
     async with running(None, opening=Opening(lambda _: tmp_path, rig, folder=ROOT)) as (app, pilot):

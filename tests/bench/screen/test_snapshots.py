@@ -123,6 +123,7 @@ async def compare(name: str, app: BenchApp, pilot: Pilot[None]) -> None:
     assert found == [], name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", SIZES, ids=SIZE_IDS)
 async def test_every_screen_looks_as_it_did(performed: Performed, replayed: Experiment, size: tuple[int, int]) -> None:
     """One after the other in one app: what a start costs, each would cost."""
@@ -145,6 +146,7 @@ async def back_to_experiment(app: BenchApp, pilot: Pilot[None], experiment: Expe
     await pilot.pause()
 
 
+@pytest.mark.long
 async def test_without_colour_it_says_the_same(replayed: Experiment, monkeypatch: pytest.MonkeyPatch) -> None:
     """NO_COLOR: greys alone, and every word and curve of the coloured screen."""
     assert replayed.replay is not None

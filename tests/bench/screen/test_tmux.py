@@ -92,6 +92,7 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 
 
 # A field takes what is typed for itself: where space stops there, it stops anywhere.
+@pytest.mark.long
 @pytest.mark.parametrize("way", ["space in a field", "the terminal is gone", "space by hand"])
 def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Terminal, tmp_path: Path, way: str) -> None:
     session = ROOT / "sessions" / "quick.toml"

@@ -14,6 +14,7 @@ from tests.bench.half_rate import half_rate
 RIG = half_rate("sim-odrive")
 
 
+@pytest.mark.long
 def test_friction_leaves_what_the_history_says(tmp_path):
     blocked = BlockedOptions(levels=2, hold_s=0.3, histories=("slow", "fast", "rest"))
     steps = (

@@ -42,6 +42,7 @@ def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rig_name", "current_known_to"),
     [
@@ -58,6 +59,7 @@ def test_every_parameter_is_found_within_its_own_deviation(
         assert least < found[name].std / found[name].value < most, name
 
 
+@pytest.mark.long
 def test_a_drive_in_profile_torque_is_found_as_well(tmp_path: Path) -> None:
     text, mode = half_rate_text("sim-cia402"), 'mode = "cyclic synchronous torque"'
     ramping = 'mode = "profile torque"\ntorque_slope = "1000 N*m/s"'

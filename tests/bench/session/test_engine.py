@@ -110,6 +110,7 @@ def test_it_leaves_recording_network_and_report(performed: Performed) -> None:
     assert all(name.replace("_", " ") in report or name in report for name in values)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("table", TABLES)
 def test_the_recording_holds_what_was_measured(performed: Performed, recording: Recording, table: str) -> None:
     measured = getattr(performed.result.measured, table)
@@ -150,6 +151,7 @@ def test_a_recording_alone_gives_the_very_same_result(performed: Performed, tmp_
     assert now == then
 
 
+@pytest.mark.long
 def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_path: Path) -> None:
     measured = performed.result.measured
     begun_ns = next(segment.start_ns for segment in measured.segments if segment.use is Use.VALIDATE)
@@ -170,6 +172,7 @@ def test_a_validation_that_was_not_read_costs_no_fit(performed: Performed, tmp_p
     assert any(sentence.startswith("validation: too little was read") for sentence in result.fit.verdict)
 
 
+@pytest.mark.long
 def test_a_recording_that_lost_its_end_and_was_recovered_tells_the_very_same(
     recording: Recording, performed: Performed, tmp_path: Path
 ) -> None:
@@ -188,6 +191,7 @@ def test_a_recording_that_lost_its_end_and_was_recovered_tells_the_very_same(
     check_metadata(killed, recovered.metadata)
 
 
+@pytest.mark.long
 def test_replaying_a_recording_gives_the_same_live_estimates(recording: Recording) -> None:
     """Up to rounding, which depends on where in memory numbers lie."""
     recorded = recording.live
@@ -248,6 +252,7 @@ def test_zero_torque_is_foreseen_as_soon_as_the_network_is_known(performed: Perf
     assert not any(segment.preview for segment in recording.measured.segments if "imposed" in segment.name)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callable[..., RecordedSession]) -> None:
     """Identifying while it runs changes nothing of what is measured."""
     second = again(SEED, TARE, CALIBRATE)
@@ -259,6 +264,7 @@ def test_the_same_seed_gives_the_same_tables(performed: Performed, again: Callab
         assert table.tobytes() == getattr(performed.result.measured, name)[: len(table)].tobytes(), name
 
 
+@pytest.mark.long
 def test_another_seed_gives_others(performed: Performed, again: Callable[..., RecordedSession]) -> None:
     second = again(SEED + 1, TARE).measured.torque["torque_nm"][:400]
     first = performed.result.measured.torque["torque_nm"][:400]

@@ -166,6 +166,7 @@ def program(*arguments: object) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.long
 def test_a_safety_stop_ends_the_program_with_its_code_and_keeps_the_recording(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text(half_rate_text("sim-odrive").replace('power = "20 W"', 'power = "200 mW"'))
@@ -179,6 +180,7 @@ def test_a_safety_stop_ends_the_program_with_its_code_and_keeps_the_recording(tm
     assert len(read_recording(tmp_path / "out" / "sim-odrive.mcap").measured.ticks) > 250
 
 
+@pytest.mark.long
 def test_an_interrupt_ends_the_program_with_its_code_and_keeps_the_recording(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG.text)

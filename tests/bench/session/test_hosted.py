@@ -26,6 +26,8 @@ from norton_bench.session.operator import Order
 from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate, half_rate_text
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 RIG = half_rate("sim-odrive")
 SHORT = '[[step]]\ndo = "tare"\nduration = "500 ms"\n[[step]]\ndo = "calibrate"\nduration = "2 s"\n'

@@ -14,6 +14,8 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.session.resume import finished_in_all
 from tests.bench.half_rate import half_rate_text
 
+pytestmark = pytest.mark.long
+
 SESSION = """\
 rig = "rig.toml"
 seed = 1

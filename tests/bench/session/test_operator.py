@@ -105,6 +105,7 @@ def test_a_pause_holds_the_session_between_procedures(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.long
 def test_a_tare_that_is_ordered_is_no_step_of_the_session(tmp_path: Path) -> None:
     attendant = Attendant({SessionState.RUNNING: [Order("tare")]})
     performed(two_rests, tmp_path, attendant)
@@ -114,6 +115,7 @@ def test_a_tare_that_is_ordered_is_no_step_of_the_session(tmp_path: Path) -> Non
     assert events(tmp_path, "step") == ["rest", "rest"]
 
 
+@pytest.mark.long
 def test_a_step_is_left_out_unless_others_need_it(tmp_path: Path) -> None:
     text = '[[step]]\ndo = "rest"\nduration = "200 ms"\n[[step]]\ndo = "tare"\nduration = "500 ms"\n'
     attendant = Attendant({SessionState.RUNNING: [Order("skip")]})

@@ -39,6 +39,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "times"), [(signal.SIGINT, 1), (signal.SIGINT, 3), (signal.SIGTERM, 1)])
 def test_interrupted_all_of_it_ends_at_once(number: signal.Signals, times: int, tmp_path: Path) -> None:
     program, folder = tmp_path / "program.py", tmp_path / "work"

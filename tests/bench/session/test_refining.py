@@ -26,6 +26,8 @@ from norton_bench.session.schema import Session, Step, refining_session
 from norton_sim.tools import true_parameters
 from tests.bench.session.conclusions import fit_alone
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 RIG = load_rig(ROOT / "rigs" / "sim-odrive.toml")
 SEED = 3

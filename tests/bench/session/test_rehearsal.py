@@ -25,6 +25,7 @@ def only(measured: Measured, kind: str) -> Event:
     return event
 
 
+@pytest.mark.long
 def test_a_fault_happens_in_its_step_and_the_recording_says_so(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "dropout"\non = "torque_sensor"\nduring = "calibrate"\nafter = "armed"\nat = "200 ms"\n'
     with pytest.raises(SafetyStopError, match="torque sensor: silent"):
@@ -38,6 +39,7 @@ def test_a_fault_happens_in_its_step_and_the_recording_says_so(tmp_path: Path) -
     assert begun["tare"] < begun["calibrate"] < fault_event.stamp_ns < begun["calibrate"] + 250e6
 
 
+@pytest.mark.long
 def test_a_fault_of_the_whole_session_counts_from_its_beginning(tmp_path: Path) -> None:
     fault = '[[fault]]\nkind = "bias-jump"\non = "torque_sensor"\nat = "300 ms"\nfor = "100 ms"\nby = "20 mN*m"\n'
     session = parse_session(HEAD.partition('[[step]]\ndo = "calibrate"')[0] + fault, place="faulty.toml")

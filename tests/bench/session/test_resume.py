@@ -23,6 +23,8 @@ from norton_bench.session.schema import parse_session
 from tests.bench.half_rate import half_rate
 from tests.bench.session.conclusions import fit_alone
 
+pytestmark = pytest.mark.long
+
 RIG = half_rate("sim-odrive")
 TEXT = """\
 [[step]]

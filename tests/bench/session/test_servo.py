@@ -18,6 +18,8 @@ from norton_bench.session.schema import standard_session
 from tests.bench.half_rate import half_rate
 from tests.bench.session.free_servo import motion_in_mujoco, true_places
 
+pytestmark = pytest.mark.long
+
 RIG = Path(__file__).parents[3] / "rigs" / "sim-servo.toml"
 STEPS = (
     Step("tare", TareOptions(duration_s=0.5)),

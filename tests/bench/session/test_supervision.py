@@ -31,6 +31,7 @@ def recorded(rig: Rig, out: Path, *steps: Step, on_event: Watcher = ignore) -> e
     return engine.record_session(rig, Session(steps, place="test"), out=out, seed=1, on_event=on_event, live=False)
 
 
+@pytest.mark.long
 def test_watchdogs_are_tried_noted_and_recorded_before_anything_moves(tmp_path: Path) -> None:
     events: list[SessionEvent] = []
     done = recorded(RIG, tmp_path, TARE, on_event=events.append)
@@ -65,6 +66,7 @@ def test_a_rig_may_leave_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert [event.kind for event in done.measured.events] == ["step"]
 
 
+@pytest.mark.long
 def test_the_guard_is_told_what_tare_and_calibrate_find(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     backends: list[Any] = []
 

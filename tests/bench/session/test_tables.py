@@ -28,6 +28,8 @@ from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import half_rate, low_rate
 from tests.bench.session.conclusions import fit_alone
 
+pytestmark = pytest.mark.long
+
 RIGS = Path(__file__).parents[3] / "rigs"
 TARE = Step("tare", TareOptions(duration_s=0.5))
 SOURCE = TabulateSourceOptions(levels=3, lowest=-0.6, highest=0.6, read_s=0.3)

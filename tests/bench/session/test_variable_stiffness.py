@@ -30,6 +30,8 @@ from norton_bench.units import Units
 from norton_sim.truth import Truth, read_truth
 from tests.bench.half_rate import low_rate
 
+pytestmark = pytest.mark.long
+
 RIG = low_rate("sim-variable-stiffness")
 ENDS = ("0 N*m/rad", "4 N*m/rad")
 SOURCE = TabulateSourceOptions(levels=2, lowest=0.0, highest=0.5, read_s=0.2)

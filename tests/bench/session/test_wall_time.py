@@ -96,6 +96,7 @@ def bench(folder: Path, out: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 @pytest.mark.timeout(600)
 def test_the_actuator_is_found_in_wall_time(folder: Path) -> None:
@@ -134,6 +135,7 @@ def assert_recorded_in_wall_time(path: Path) -> None:
     assert {estimate.status.value for estimate in last.estimates} == {"valid"}
 
 
+@pytest.mark.long
 @pytest.mark.wall_time
 def test_an_interrupt_at_the_terminal_ends_every_process_without_a_word_too_many(folder: Path) -> None:
     with bench(folder, "stopped") as process:

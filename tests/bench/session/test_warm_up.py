@@ -34,6 +34,7 @@ def test_every_function_that_is_called_has_been_compiled() -> None:
     assert told.stdout.strip() == "[]"
 
 
+@pytest.mark.long
 def test_a_port_that_is_not_there_is_told_before_anything_is_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

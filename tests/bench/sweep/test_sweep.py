@@ -15,6 +15,8 @@ from norton_bench.sweep.run import Store, executor_of, sweep
 from norton_bench.sweep.task import TaskResult
 from tests.bench.half_rate import half_rate_text
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 RIG = str(ROOT / "rigs" / "sim-odrive.toml")
 SHORT = """

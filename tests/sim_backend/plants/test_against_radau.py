@@ -146,12 +146,14 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("model", "changes", "command", "equations"), CASES.values(), ids=CASES)
 def test_everyday_substeps_agree_with_radau(model, changes, command, equations):
     truth, wanted = truth_of(model, **changes), targets(command)
     assert worst(simulated(truth, wanted), radau(truth, equations(truth.actuator), wanted)) < 4e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", ["muscle", "series elastic", "gears"])
 def test_fine_substeps_converge_to_radau(case):
     model, changes, command, equations = CASES[case]
@@ -176,6 +178,7 @@ def test_an_arm_follows_the_path_of_least_jerk_as_radau_does():
     assert worst(simulated(truth, wanted)[:, :4], radau(truth, joined, wanted)[:, :4]) < 1e-3
 
 
+@pytest.mark.long
 def test_a_variable_spring_follows_its_modulator_as_radau_does():
     """Two more states: the modulator's amplifier, in its command's unit, and the angle of its motor."""
     truth = truth_of("variable_stiffness", modulator=MODULATOR)

@@ -103,6 +103,7 @@ def test_the_zero_dynamics_are_as_stable_as_they_settle(left, holds):
     assert verdicts(settling=replace(SETTLED, left=left, left_interval=(0.8 * left, 1.2 * left)))[2] is holds
 
 
+@pytest.mark.long
 def test_an_experiment_as_it_is_fitted(experiment, result):
     unseen = synthetic.validation(9)
     stretches = signals(experiment, TICK_S, Use.IDENTIFY)

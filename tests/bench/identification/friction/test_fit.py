@@ -84,6 +84,7 @@ def test_maxwell_slip_follows_two_contacts_side_by_side():
     assert fit.rms < 1.03 * NOISE < one.rms
 
 
+@pytest.mark.long
 def test_deviations_cover_the_scatter():
     """Over 40 draws of noise: the mean square of error over deviation is 1 ± √(2/40) for each, three times over."""
     member = model("dahl")

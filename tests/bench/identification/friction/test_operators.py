@@ -40,6 +40,7 @@ def test_dahl_is_what_radau_integrates():
     assert np.abs(share - exact).max() < 1e-5
 
 
+@pytest.mark.long
 def test_lugre_is_what_radau_integrates():
     t, x, v = reversing()
 

@@ -68,6 +68,7 @@ def test_validation_segments_are_not_learned_from(varied):
     assert feed(LiveIdentifier("N*m", TICK_S), replace(varied, segments=unseen))[-1].samples == 0
 
 
+@pytest.mark.long
 def test_without_torque_there_are_ratios_alone(varied):
     seen = replace(varied, torque=varied.torque[:0])
     assert {"free", "imposed"} <= {segment.procedure for segment in seen.segments}
@@ -91,6 +92,7 @@ def at(history, measured, time_s):
     return {estimate.name: estimate for estimate in state.estimates}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("kind", "excited_s", "untold"),
     [
@@ -115,6 +117,7 @@ def test_data_that_say_nothing_of_a_parameter_neither_move_nor_sharpen_it(kind, 
         assert abs(after[name].value - getattr(Truth(), name)) < 3 * after[name].std, name
 
 
+@pytest.mark.long
 def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
     measured = exciting_then("one speed", SEARCHED_S, DULL_S)
     history = feed(LiveIdentifier("N*m", TICK_S), measured, LONGER_S)
@@ -123,6 +126,7 @@ def test_a_constant_speed_does_not_pull_the_inertia_to_zero_while_searching():
     assert abs(after.value - Truth().inertia) < 3 * after.std
 
 
+@pytest.mark.long
 def test_slow_drift_is_followed_and_the_rest_stays():
     measured = drifting(exciting_for(100.0), damping_share=0.3, coulomb_share=0.2)
     history = feed(LiveIdentifier("N*m", TICK_S), measured, 60.0)
@@ -160,6 +164,7 @@ def spoilt(part, how, rng):
     return replace(part, motion=motion, torque=torque, ticks=ticks)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["not a number", "spikes", "garbage", "stamps", "later", "nothing"])
 def test_bad_parts_never_poison(excited, how):
     """From the very first on, and again when everything is known."""
@@ -179,6 +184,7 @@ def test_bad_parts_never_poison(excited, how):
         assert abs(estimate.value - truth) < 3 * estimate.std + 0.01 * truth, estimate
 
 
+@pytest.mark.long
 def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_session_runs():
     """Friction that is 30 % greater at rest: half a minute of unlike motions is enough to tell it from all else."""
     measured = synthetic.varied(4, synthetic.Bench(departs=Departs(stribeck_drop=0.3)))
@@ -192,6 +198,7 @@ def test_an_actuator_that_is_not_the_papers_motor_gets_its_term_while_the_sessio
         assert abs(estimate.value - value) < 3 * estimate.std + 0.01 * value, estimate
 
 
+@pytest.mark.long
 def test_one_motion_does_not_tell_what_is_missing_but_that_something_is():
     measured = exciting_for(SEARCHED_S, departs=Departs(stribeck_drop=0.3))
     last = feed(LiveIdentifier("N*m", TICK_S), measured, SEARCHED_S)[-1]
@@ -199,6 +206,7 @@ def test_one_motion_does_not_tell_what_is_missing_but_that_something_is():
     assert {estimate.status for estimate in last.estimates} == {Status.INADEQUATE}
 
 
+@pytest.mark.long
 def test_a_clock_set_back_is_survived(excited):
     identifier = LiveIdentifier("N*m", TICK_S)
     first = feed(identifier, excited, LONG_S)[-1]
@@ -206,6 +214,7 @@ def test_a_clock_set_back_is_survived(excited):
     assert again.estimates == first.estimates
 
 
+@pytest.mark.long
 def test_another_machine_is_found_anew(excited):
     """What fits nothing known any more, for seconds, is not averaged with what was."""
     second = drifting(exciting_for(SEARCHED_S, 2), 2.0, 2.0, from_s=-1e9)

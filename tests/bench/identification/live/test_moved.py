@@ -8,6 +8,8 @@ import pytest
 from norton_bench.identification.judged_fit import changes, with_what_moved
 from norton_bench.models.parameters import Status
 
+pytestmark = pytest.mark.long
+
 NAME = "viscous_damping"
 
 

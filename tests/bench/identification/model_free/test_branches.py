@@ -48,6 +48,7 @@ def test_velocity_and_band_are_unknown_beyond_the_levels():
     assert low < source.velocity(0.7, rising=False) < high
 
 
+@pytest.mark.long
 def test_the_band_covers_the_truth_nineteen_times_in_twenty():
     inside = []
     at = np.array([-0.8, -0.6, 0.6, 0.8])

@@ -22,6 +22,8 @@ from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S, Truth
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def unseen():

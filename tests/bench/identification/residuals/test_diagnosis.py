@@ -87,6 +87,7 @@ def test_the_band_of_each_lag_holds_nineteen_in_twenty():
     assert tests[0].lags_s.shape == (MEMORY_LAGS,)
 
 
+@pytest.mark.long
 def test_inputs_that_have_nothing_to_do_with_it_raise_few_alarms():
     """The input is strongly coloured, as velocities are, and the residual's noise comes in bursts."""
     rng = np.random.default_rng(3)
@@ -135,6 +136,7 @@ def test_an_input_that_stands_still_or_a_short_record_gives_no_verdict():
     assert dependence(noise[:500], noise[:500], STEP_S, "velocity", 1.0) is None
 
 
+@pytest.mark.long
 def test_on_a_real_motion_noise_raises_few_alarms(aligned):
     trials = [residual_tests(made_up(aligned, seed), aligned) for seed in range(30)]
     p_values = [each.p_value for tests in trials for each in tests.dependences]
@@ -173,6 +175,7 @@ def test_the_cogging_of_the_simulated_motor_is_found_in_the_residual_of_its_fit(
     assert int(np.nanargmax(tests.spectrum_nm)) + 1 == 42
 
 
+@pytest.mark.long
 def test_free_motion_alone_shows_the_cogging_too_but_no_verdict_on_its_own_noise(without_torque):
     free = replace(without_torque, segments=tuple(each for each in without_torque.segments if each.procedure == "free"))
     found = fit(free, command_unit="N*m", tick_s=TICK_S)

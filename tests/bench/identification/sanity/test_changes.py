@@ -23,6 +23,7 @@ def coarse() -> Solution:
     return solve(signals(measured, TICK_S, Use.IDENTIFY))
 
 
+@pytest.mark.long
 def test_blocks_add_up_to_a_fit_that_is_at_its_optimum(coarse: Solution) -> None:
     """Were the errors in the columns left in, what pulls at the inertia would not be nil, but all of them."""
     blocks = Blocks.of(coarse)
@@ -46,6 +47,7 @@ def test_what_is_told_grows_from_nothing_to_all(coarse: Solution) -> None:
     assert 0.5 < told[-1] < 1.0
 
 
+@pytest.mark.long
 def test_a_machine_has_changed_only_where_it_is_heard_over_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Feedback that holds the torque at zero makes the noise look like another delay, or another inertia."""
     measured = synthetic.experiment(2, Truth(), Bench(noise_nm=5e-3), blocked=False, multisine_s=10.0)

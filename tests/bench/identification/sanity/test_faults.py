@@ -133,6 +133,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "said"), HARMLESS.values(), ids=HARMLESS)
 def test_what_can_be_left_out_does_no_harm(short, fault, said):
     result = identified(fault(short))
@@ -175,11 +176,13 @@ SIMULATED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fault", SIMULATED.values(), ids=SIMULATED)
 def test_records_with_the_same_gaps_can_be_simulated(short, fault):
     assert_all_is_right(identified(fault(short), DRAWS))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "said"), DOUBTFUL.values(), ids=DOUBTFUL)
 def test_what_contradicts_itself_is_named_and_no_number_is_valid(short, fault, said):
     assert_none_is_valid(said, identified(fault(short)))
@@ -201,6 +204,7 @@ def test_what_tells_nothing_is_refused(short, fault, said):
         identified(fault(short))
 
 
+@pytest.mark.long
 def test_a_clock_that_jumps_by_less_than_any_gap_is_seen_in_the_delay(experiment):
     result = identified(values("ticks", "tick_ns", stepped(5 * 10**6))(experiment))
     assert not any(estimate.status is Status.VALID for estimate in result.estimates)
@@ -230,6 +234,7 @@ BENCHES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bench", BENCHES.values(), ids=BENCHES)
 def test_a_bench_that_is_merely_imperfect_raises_no_alarm(bench):
     measured = synthetic.brief(1, bench=bench)
@@ -237,6 +242,7 @@ def test_a_bench_that_is_merely_imperfect_raises_no_alarm(bench):
     assert identified(measured, DRAWS).verdict == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_other_true_values_raise_no_alarm(seed):
     factors = 2 ** np.random.default_rng(seed).uniform(-1, 1, 7)
@@ -262,6 +268,7 @@ SPANS = st.lists(st.tuples(st.floats(0, 1), st.integers(1, 3000)), min_size=1, m
 TABLES = st.sampled_from([("torque", "torque_nm"), ("motion", "position_rad"), ("ticks", "command")])
 
 
+@pytest.mark.long
 @given(TABLES, SPANS, st.sampled_from([np.nan, np.inf, -np.inf]))
 @FEW
 def test_spans_that_are_not_finite(short, where, spans, bad):
@@ -274,6 +281,7 @@ def test_spans_that_are_not_finite(short, where, spans, bad):
     right_or_said_otherwise(values(*where, change)(short))
 
 
+@pytest.mark.long
 @given(TABLES, SPANS)
 @FEW
 def test_gaps(short, where, spans):
@@ -286,6 +294,7 @@ def test_gaps(short, where, spans):
     right_or_said_otherwise(rows(where[0], change)(short))
 
 
+@pytest.mark.long
 @given(TABLES, st.integers(0, 10**6), st.integers(2, 2000), st.integers(1, 20))
 @FEW
 def test_rows_in_disorder(short, where, seed, longest, pieces):
@@ -298,6 +307,7 @@ def test_rows_in_disorder(short, where, seed, longest, pieces):
     right_or_said_otherwise(rows(where[0], change)(short))
 
 
+@pytest.mark.long
 @given(st.sampled_from([torque, position]), st.sampled_from([-1.0, 1.0]), st.floats(0.5, 3.0))
 @FEW
 def test_scales(short, column, sign, decades):
@@ -306,6 +316,7 @@ def test_scales(short, column, sign, decades):
     right_or_said_otherwise(column(lambda good: scale * good)(short))
 
 
+@pytest.mark.long
 @given(TABLES, st.floats(0.1, 0.9), st.integers(-(10**10), 10**10))
 @FEW
 def test_clock_jumps(short, where, at, by_ns):
