@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-c", "import sys; from norton_bench.cli.app import main; sys.exit(main())"]
 
@@ -35,7 +37,6 @@ def served(rig: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_second_process_finds_the_served_devices(served: subprocess.Popen[str], rig: Path) -> None:
     command = [*PROGRAM, "rig", "check", str(rig), "--backend", "hardware", "--json"]
@@ -47,7 +48,6 @@ def test_a_second_process_finds_the_served_devices(served: subprocess.Popen[str]
     assert all(stream["readings"] > 0 for device in devices for stream in device["streams"].values())
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_an_interrupt_ends_serving_and_takes_the_port_away(served: subprocess.Popen[str], rig: Path) -> None:
     assert (rig.parent / "bota").is_symlink()

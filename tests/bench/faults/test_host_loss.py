@@ -13,13 +13,14 @@ from norton_bench.rig.load import load_rig
 from tests.bench.half_rate import HALF_RATE
 from tests.bench.served import rig_of_its_own
 
+pytestmark = pytest.mark.long
+
 KILLED, STOPPED = host_losses()
 RIGS = Path(__file__).parents[3] / "rigs"
 ALLOWED = Allowed(404_000_000)  # the watchdog's period, and two ticks
 GROUP = "239.74.163.63"
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 @pytest.mark.parametrize("case", [KILLED, STOPPED], ids=lambda case: case.table["kind"])
 def test_the_drives_watchdogs_stop_the_shaft(case: object, tmp_path: Path) -> None:
@@ -38,7 +39,6 @@ def test_the_drives_watchdogs_stop_the_shaft(case: object, tmp_path: Path) -> No
     assert not (tmp_path / "bota").is_symlink()
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_servos_without_a_watchdog_go_on(tmp_path: Path) -> None:
     text = (RIGS / "sim-feetech.toml").read_text(encoding="utf-8")
@@ -52,7 +52,6 @@ def test_servos_without_a_watchdog_go_on(tmp_path: Path) -> None:
     assert outcome.guard == "nothing stopped the drives"
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_a_host_that_ends_by_itself_is_no_lost_host(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_loss, "SESSION", "no session")
@@ -63,7 +62,6 @@ def test_a_host_that_ends_by_itself_is_no_lost_host(tmp_path: Path, monkeypatch:
     assert "is not TOML" in outcome.guard
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_what_this_machine_cannot_serve_is_skipped_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "bota").write_text("in the way")

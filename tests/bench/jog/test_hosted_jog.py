@@ -15,6 +15,8 @@ from norton_bench.session.hosted import HostedSession
 from norton_bench.session.operator import Order
 from tests.bench.half_rate import half_rate
 
+pytestmark = pytest.mark.long
+
 RIG = half_rate("sim-odrive")
 WAIT_S = 120.0
 
@@ -34,7 +36,6 @@ def commands(at_least: float) -> Callable[[SessionEvent], bool]:
     return lambda event: isinstance(event, PartMeasured) and bool(np.any(event.measured.ticks["command"] >= at_least))
 
 
-@pytest.mark.long
 def test_it_is_nudged_from_afar_and_ends_at_zero(tmp_path: Path) -> None:
     with HostedSession(RIG, Jog(), out=tmp_path, seed=1) as session:
         until(session, lambda event: isinstance(event, PartMeasured) and len(event.measured.ticks) > 0)
@@ -55,7 +56,6 @@ def test_it_is_nudged_from_afar_and_ends_at_zero(tmp_path: Path) -> None:
     assert not any(isinstance(event, Note) and "final fit" in event.text for event in heard)
 
 
-@pytest.mark.long
 def test_a_watcher_that_hangs_or_leaves_stops_it(tmp_path: Path) -> None:
     """One that hangs sends no key: all goes to zero. One that is gone ends it, and the recording is whole."""
     session = HostedSession(RIG, Jog(dead_man_s=1.5), out=tmp_path, seed=1)

@@ -12,10 +12,11 @@ from norton_bench.procedures.tare import TareProcedure
 from norton_bench.rig.load import load_rig
 from tests.bench.bench_in_simulation import opened
 
+pytestmark = pytest.mark.long
+
 RIGS = Path(__file__).parents[3] / "rigs"
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("name", ["sim-cia402"])
 def test_late_messages_move_no_reading_in_time(name: str) -> None:
     """Its torque sensor sends a value only where that has changed: what is late must not be taken for unchanged."""

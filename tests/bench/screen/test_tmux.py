@@ -24,6 +24,7 @@ NOTICED_WITHIN_NS = 1_000_000_000  # that a process is gone, by the session it s
 STARTS_WITHIN_S, STOPS_WITHIN_S = 120.0, 20.0
 
 pytestmark = [
+    pytest.mark.long,
     pytest.mark.wall_time,
     pytest.mark.skipif(shutil.which("tmux") is None, reason="there is no tmux: nothing else shows a real terminal"),
 ]
@@ -92,7 +93,6 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 
 
 # A field takes what is typed for itself: where space stops there, it stops anywhere.
-@pytest.mark.long
 @pytest.mark.parametrize("way", ["space in a field", "the terminal is gone", "space by hand"])
 def test_the_drives_are_idle_at_once(rig: Path, witness: Path, terminal: Terminal, tmp_path: Path, way: str) -> None:
     session = ROOT / "sessions" / "quick.toml"

@@ -14,6 +14,8 @@ from norton_bench.session.schema import Session, Step
 from norton_sim.tools import true_parameters
 from tests.bench.half_rate import half_rate, half_rate_text
 
+pytestmark = pytest.mark.long
+
 # Of eighteen values one in a thousand tries lies farther out than this.
 GREATEST_DEVIATION_STD = 4.0
 SEED = 5
@@ -42,7 +44,6 @@ def identified(rig: Rig, out: Path) -> dict[str, Estimate]:
     return found
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(
     ("rig_name", "current_known_to"),
     [
@@ -59,7 +60,6 @@ def test_every_parameter_is_found_within_its_own_deviation(
         assert least < found[name].std / found[name].value < most, name
 
 
-@pytest.mark.long
 def test_a_drive_in_profile_torque_is_found_as_well(tmp_path: Path) -> None:
     text, mode = half_rate_text("sim-cia402"), 'mode = "cyclic synchronous torque"'
     ramping = 'mode = "profile torque"\ntorque_slope = "1000 N*m/s"'

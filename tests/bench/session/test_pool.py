@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parents[3]
 # Each work leaves a file when it begins, and takes it away when it ends in order.
 PROGRAM = """
@@ -39,7 +41,6 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(("number", "times"), [(signal.SIGINT, 1), (signal.SIGINT, 3), (signal.SIGTERM, 1)])
 def test_interrupted_all_of_it_ends_at_once(number: signal.Signals, times: int, tmp_path: Path) -> None:
     program, folder = tmp_path / "program.py", tmp_path / "work"

@@ -22,6 +22,8 @@ from norton_bench.rig.load import load_rig
 from norton_sim.tools import true_parameters
 from tests.bench.half_rate import half_rate_text
 
+pytestmark = pytest.mark.long
+
 PROGRAM = Path(sys.executable).with_name("norton-bench")
 GROUP = "239.74.163.62"
 # A host that is no real-time machine may stand still for tens of milliseconds.
@@ -96,7 +98,6 @@ def bench(folder: Path, out: str) -> subprocess.Popen[str]:
     )
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 @pytest.mark.timeout(600)
 def test_the_actuator_is_found_in_wall_time(folder: Path) -> None:
@@ -135,7 +136,6 @@ def assert_recorded_in_wall_time(path: Path) -> None:
     assert {estimate.status.value for estimate in last.estimates} == {"valid"}
 
 
-@pytest.mark.long
 @pytest.mark.wall_time
 def test_an_interrupt_at_the_terminal_ends_every_process_without_a_word_too_many(folder: Path) -> None:
     with bench(folder, "stopped") as process:
