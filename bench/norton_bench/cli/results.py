@@ -140,6 +140,7 @@ def model_error_figures(error: ModelError | None) -> dict[str, Any] | None:
             for departure in error.departures
         ],
         "unexplained": error.unexplained,
+        "times_simulated": None if isnan(error.times_simulated) else error.times_simulated,
     }
 
 

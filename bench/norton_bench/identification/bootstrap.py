@@ -93,12 +93,14 @@ class Scatter:
     """What fits of simulated records gave, beside what was put in.
 
     ``drawn`` (draws, p) are the values, ``put_in`` (p,); ``stated_std`` (p,) is what such fits say of themselves, from
-    their residuals alone, rms over the draws.
+    their residuals alone, rms over the draws. ``left`` (draws,) is the mean square that least squares left of each,
+    over what it left of the real record.
     """
 
     drawn: FloatArray
     put_in: FloatArray
     stated_std: FloatArray
+    left: FloatArray
 
     @property
     def bias(self) -> FloatArray:
@@ -149,9 +151,13 @@ def stated_energy(stretches: tuple[Signals, ...], kernel: Kernel) -> float:
 
 def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
     """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
-    fits = [physical(each) for each in _solutions(bench)]
+    fits, left = [], []
+    for solution in _solutions(bench):
+        fits.append(physical(solution))
+        left.append(np.mean(solution.innovation**2) / np.mean(bench.solution.innovation**2))
     variances = np.array([np.diag(covariance) for _, covariance in fits])
-    return Scatter(np.array([values for values, _ in fits]), put_in, np.sqrt(np.mean(variances, axis=0)))
+    values = np.array([values for values, _ in fits])
+    return Scatter(values, put_in, np.sqrt(np.mean(variances, axis=0)), np.array(left))
 
 
 def _solutions(bench: "Simulation") -> Iterator[Solution]:
@@ -252,14 +258,24 @@ class Simulation:
         """As measured, without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
         seen = ReadingErrors.of(self.torque, resolution_rad(self.torque.value))
-        bench = replace(self, encoder=self.encoder.with_errors())
-        even = replace(bench, torque_errors=replace(seen, jitter_s=0.0)).record(np.random.default_rng(0))
-        values = np.asarray(even.torque["torque_nm"], dtype=np.float64)
-        shown = ReadingErrors.of(replace(self.torque, value=values), seen.step)
+        bench, random = replace(self, encoder=self.encoder.with_errors()), np.random.default_rng(0)
+        port_nm = bench._at_port(random)
+        even = replace(bench, torque_errors=replace(seen, jitter_s=0.0))
+        shown = ReadingErrors.of(replace(self.torque, value=even._read_torque(port_nm, random)), seen.step)
         noise_nm = float(np.sqrt(max(2.0 * seen.noise**2 - shown.noise**2, 0.0)))
         jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
         variance_std = float(np.hypot(seen.variance_std, shown.variance_std))
-        return replace(bench, torque_errors=ReadingErrors(noise_nm, seen.step, jitter_s, variance_std))
+        errors = ReadingErrors(noise_nm, seen.step, jitter_s, variance_std)
+        rate_nm_s = np.gradient(port_nm, self.torque.time_s)[self._is_simulated]
+        return replace(bench, torque_errors=errors.no_more_than(self._left_nm2, rate_nm_s))
+
+    @property
+    def _left_nm2(self) -> float:
+        """The variance of white errors of torque readings that alone would leave all that the fit leaves in its band:
+        none of them is greater. Ringing that no simulation knows is in the readings, but faster than the band."""
+        regression, tick_s = self.solution.regression, self.readings.tick_s
+        in_band = float(np.mean(self.solution.innovation**2)) / regression.white_energy
+        return in_band / regression.rows[0].kernel.energy(0) * tick_s / self.torque.period_s
 
     @property
     def stretches(self) -> tuple[Signals, ...]:
@@ -283,23 +299,38 @@ class Simulation:
 
     def record(self, random: np.random.Generator) -> Measured:
         """What would have been measured, with errors of its own."""
-        torque_nm, seen_at_all = self.torque.value.copy(), np.zeros(self.torque.value.size, dtype=bool)
+        torque_nm = self._at_port(random)
+        motion = self.encoder.read(self._of_actuator, random)
+        torque = _with(self.torque_rows, "torque_nm", self._read_torque(torque_nm, random))
+        record = replace(self.readings.measured, motion=motion, torque=torque)
+        if self.other is None:
+            return record
+        of_load = self._of_load(replace(self.torque, value=torque_nm))
+        return replace(record, load_motion=self.other.read(of_load, random))
+
+    @cached_property
+    def _is_simulated(self) -> npt.NDArray[np.bool_]:
+        """Which torque readings lie in some stretch, (n,)."""
+        result = np.zeros(self.torque.value.size, dtype=bool)
+        for truth in self.truths:
+            result[self.seen(truth)] = True
+        return result
+
+    def _at_port(self, random: np.random.Generator) -> FloatArray:
+        """The torque at the instants of its readings, (n,); outside the stretches what was read."""
+        torque_nm = self.torque.value.copy()
         coupling = None if self.readings.coupling is None else self.readings.coupling.drawn(random)
         for truth in self.truths:
             seen = self.seen(truth)
             torque_nm[seen] = self._torque(truth, self.torque.time_s[seen], coupling, random)
-            seen_at_all[seen] = True
-        torque = replace(self.torque, value=torque_nm)
-        rate_nm_s = np.gradient(torque_nm, self.torque.time_s)
-        motion = self.encoder.read(self._of_actuator, random)
-        drawn_nm = self.torque_errors.drawn(torque_nm, rate_nm_s, random)
+        return torque_nm
+
+    def _read_torque(self, torque_nm: FloatArray, random: np.random.Generator) -> FloatArray:
+        """Readings of such a torque, both (n,), with errors of their own; what is not simulated has its own already."""
+        drawn_nm = self.torque_errors.drawn(torque_nm, np.gradient(torque_nm, self.torque.time_s), random)
         if self.readings.ringing_nm is not None:
             drawn_nm = drawn_nm - self.readings.ringing_nm
-        torque_nm = np.where(seen_at_all, drawn_nm, torque_nm)  # what is not simulated has its errors already
-        record = replace(self.readings.measured, motion=motion, torque=_with(self.torque_rows, "torque_nm", torque_nm))
-        if self.other is None:
-            return record
-        return replace(record, load_motion=self.other.read(self._of_load(torque), random))
+        return np.where(self._is_simulated, drawn_nm, torque_nm)
 
     def error_energy(self, record: Measured, stretches: tuple[Signals, ...]) -> float:
         """The true mean square of what a simulated record's errors make of the acceleration in the fit's band."""

@@ -282,7 +282,7 @@ def _simulated(
     )
     values, covariance = scatter.applied(values, covariance)
     covariance = covariance + np.outer(of_ringing, of_ringing)
-    return values, covariance, Simulated(of_residual, repeated_std, excess, bench)
+    return values, covariance, Simulated(of_residual, repeated_std, excess, scatter.left, bench)
 
 
 def _in_terms_of_network(

@@ -6,6 +6,7 @@ a fit without it. Whatever the fit's deviations say, they say it of the model.""
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from math import isnan
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.simulated_bench import inertia_of
-from norton_bench.identification.statistics import NORMAL_95
+from norton_bench.identification.statistics import NORMAL_95, std_of_next
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
@@ -84,6 +85,8 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
 # More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
 UNEXPLAINED = 0.5
 TWICE = 2.0
+# Deviations that chance passes in one session of two hundred.
+CERTAIN = 2.58
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,9 @@ class ModelError:
     """``rms_nm`` is what the network leaves of the torque on segments that its values were not fitted to, beyond the
     ``noise_nm`` of the readings; ``left_nm`` the same, were all ``departures`` in the model.
 
-    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open.
+    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open; then
+    ``times_simulated``, if it is not NaN, is how many times the mean square that errors of the readings alone leave of
+    simulated records the fit leaves of the real one.
     ``spread`` (7,) is how far each of motor_values.PHYSICAL moves, relative, when segments are left out one by one
     (jackknife).
     ``prediction`` is empty until it is worked out (``prediction_error``).
@@ -127,6 +132,7 @@ class ModelError:
     spread: FloatArray
     zero: Zero
     unexplained: bool = False
+    times_simulated: float = NAN
     prediction: PredictionError = field(default_factory=PredictionError)
 
     @property
@@ -154,11 +160,13 @@ def model_error(result: FitResult, at: Expansion, unseen: Sequence[Signals], mea
     squares, noise_nm2 = mean_squares(at, zero.standing_nm)
     beyond = max(float(np.mean(squares)) - noise_nm2, 0.0)
     left = found[-1].left_nm ** 2 if found else _without_cogging(at)
+    times_simulated = NAN if found else _times_simulated(result)
     return ModelError(
         rms_nm=float(np.sqrt(beyond)),
         noise_nm=float(np.sqrt(noise_nm2)),
         left_nm=float(np.sqrt(max(left - noise_nm2, 0.0))),
-        unexplained=_mostly_no_noise(at, left, usual),
+        unexplained=_mostly_no_noise(at, left, usual) or not isnan(times_simulated),
+        times_simulated=times_simulated,
         departures=found,
         spread=_spread(at),
         zero=zero,
@@ -207,6 +215,20 @@ def _told_apart(at: Expansion, result: tuple[Departure, ...], usual: _Usual) -> 
 def _mostly_no_noise(at: Expansion, left_nm2: float, usual: _Usual) -> bool:
     """Whether more than UNEXPLAINED of what is left is neither noise nor what ticks and counts leave open."""
     return (1 - UNEXPLAINED) * left_nm2 > max(at.noise_nm2 + at.unknown_nm2, usual.left_nm2)
+
+
+def _times_simulated(result: FitResult) -> float:
+    """NaN unless it is certainly more than once, and more than UNEXPLAINED of what is left may be no error of readings.
+
+    A wrong model and errors that no simulation has, such as those of a path within an encoder's counts, may fit as well
+    as the right ones do on every part of a recording: what they leave is the only sign of them.
+    """
+    if result.simulated is None:
+        return NAN
+    left = result.simulated.left
+    share, std = float(np.mean(left)), float(std_of_next(left[:, None])[0])
+    certain, most = share + CERTAIN * std < 1.0, share - NORMAL_95 * std < 1.0 - UNEXPLAINED
+    return 1.0 / share if certain and most else NAN
 
 
 def judged(result: FitResult, error: ModelError | None) -> FitResult:
@@ -275,10 +297,10 @@ def sentences(error: ModelError, concerned: Sequence[str]) -> tuple[str, ...]:
     texts = [_sentence(each) for each in error.departures]
     if error.unexplained:
         but = "; nothing else that was looked at explains it" if texts else "; nothing that was looked at explains it"
-        texts.append(
-            f"The model is inadequate: {'beyond that ' if texts else ''}it leaves {milli(error.left_nm)} rms of the "
-            f"torque that is not noise{but}."
-        )
+        left = f"{'beyond that ' if texts else ''}it leaves {milli(error.left_nm)} rms of the torque that is not noise"
+        if not isnan(error.times_simulated):
+            left = f"its fit leaves {error.times_simulated:.1f} times the power that the readings' errors alone would"
+        texts.append(f"The model is inadequate: {left}{but}.")
     if concerned:
         names = ", ".join(name.replace("_", " ") for name in concerned)
         texts.append(f"Not to be built upon, because another model gives other values: {names}.")

@@ -252,7 +252,7 @@ class Regression:
         if self.rows[0].signals.servo is None:
             return None
         total = sum((rows.position_errors(shape) * rows.usable.size for rows in self.rows), np.zeros((5, 5)))
-        products = (total - np.diag([0.0, *np.diag(total)[1:]])) * self._white_energy
+        products = (total - np.diag([0.0, *np.diag(total)[1:]])) * self.white_energy
         return SharedErrors(np.asarray(products), self.free_motion)
 
     def shared_slope(self, shape: Shape, linear: FloatArray) -> float:
@@ -268,7 +268,7 @@ class Regression:
             torque, acceleration, velocity = rows.noise() * rows.usable.size
             total[VISCOUS] += velocity
             total[INERTIA] += torque if self.free_motion else acceleration
-        return total * self._white_energy
+        return total * self.white_energy
 
     def carried(self, linear: FloatArray) -> FloatArray:
         """By what the variances of Rows.noise() come into the torque at these linear unknowns, shape (3,)."""
@@ -293,10 +293,11 @@ class Regression:
             for rows in self.rows
         )
         sizes = (rows.usable.size for rows in self.rows)
-        return self._white_energy * float(sum(square * size for square, size in zip(squares, sizes, strict=True)))
+        return self.white_energy * float(sum(square * size for square, size in zip(squares, sizes, strict=True)))
 
     @property
-    def _white_energy(self) -> float:
+    def white_energy(self) -> float:
+        """The mean share of the squares of something quick, such as white noise, that is left for least squares."""
         return 1.0 if self.whitening is None else self.whitening.energy
 
     def position(self, shape: Shape) -> FloatArray:

@@ -21,13 +21,22 @@ from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.readings import NOISE_FEWEST_BLOCKS, NOISE_ORDER, NOISE_VARIANCE, NORMAL_MEDIAN_SQUARE
+from norton_bench.identification.readings import (
+    MEDIAN_OF_NORMAL,
+    NOISE_FEWEST_BLOCKS,
+    NOISE_ORDER,
+    NOISE_VARIANCE,
+    NORMAL_MEDIAN_SQUARE,
+    NORMAL_OF_MEDIAN_DEVIATION,
+)
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, OF_MOTION, Signals, TimeSeries
 from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
 
 Spectrum = npt.NDArray[np.complex128]
+# Rounds of weighted least squares towards least absolute deviations, which count no less than this, relative.
+LINE_ROUNDS, NEAR = 30, 1e-2
 # The simulated friction follows the path this many times as finely as the fit does.
 FINER = 4
 # Noise is told from errors of the instants by readings in blocks of so many, fast ones and slow ones.
@@ -82,6 +91,15 @@ class ReadingErrors:
         variance = self.noise**2 + self.step**2 / 12
         return self.variance_std / variance if variance > 0.0 else 0.0
 
+    def no_more_than(self, variance: float, rate: FloatArray) -> "ReadingErrors":
+        """The same with noise and jitter so small that readings which change at ``rate`` (n,) have no greater variance,
+        in the mean; the step stays."""
+        own, most = self.noise**2 + self.jitter_s**2 * float(np.mean(rate**2)), max(variance - self.step**2 / 12, 0.0)
+        if own <= most:
+            return self
+        share = np.sqrt(most / own)
+        return replace(self, noise=float(share * self.noise), jitter_s=float(share * self.jitter_s))
+
     def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
         """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
         read = values + self.jitter_s * rate * random.standard_normal(values.size)
@@ -97,20 +115,25 @@ NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
     """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each; and the
-    standard error of the intercept."""
+    standard error of the intercept.
+
+    Least absolute deviations, relative to the line: while a shaft is shaken, its motion may pass for noise in some of
+    the blocks, a hundred times as great as that of the others.
+    """
     constant, slope, mean_x, spread = float(np.median(y)), 0.0, 0.0, 0.0
-    for _ in range(10):
-        weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
+    for _ in range(LINE_ROUNDS):
+        line = np.maximum(constant + slope * x, 1e-30)
+        weight = 1.0 / (line * np.maximum(np.abs(y - line), NEAR * line))
         mean_x, mean_y = float(np.average(x, weights=weight)), float(np.average(y, weights=weight))
         spread = float(np.average((x - mean_x) ** 2, weights=weight))
         slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
         constant = mean_y - slope * mean_x
         if constant < 0.0:
             constant, slope = 0.0, float(np.average(y, weights=weight) / mean_x)
-    weight = 1.0 / np.maximum(constant + slope * x, 1e-30) ** 2
-    left = float(np.average((y - constant - slope * x) ** 2, weights=weight))
+    line = np.maximum(constant + slope * x, 1e-30)
+    scatter = MEDIAN_OF_NORMAL * NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(y / line - 1.0)))
     lever = 1.0 + (mean_x**2 / spread if slope > 0.0 and spread > 0.0 else 0.0)
-    return constant, slope, float(np.sqrt(left * lever / x.size))
+    return constant, slope, scatter * float(np.sqrt(lever / np.sum(line**-2.0)))
 
 
 @dataclass(frozen=True)
@@ -160,14 +183,15 @@ class SimulatedStretch:
             return cls(stretch, motion, time_s, -output_of(solution) * motion(at_s, 2), np.zeros(finer_s.size))
         read_s, reading = np.clip(finer_s, time_s[0], time_s[-1]), (OF_MOTION, stretch.position_period_s)
 
-        def turns_rad(path_rad: FloatArray, *passed: tuple[Kernel, float]) -> FloatArray:
-            h = _friction_share(stretch, solution, make_interp_spline(time_s, path_rad, k=5), read_s)
-            return _turns(solution, h, step_s / FINER, coupling, passed)[::FINER]
+        def with_turns(path_rad: FloatArray, added_rad: FloatArray, *passed: tuple[Kernel, float]) -> FloatArray:
+            h = _friction_share(stretch, solution, make_interp_spline(time_s, path_rad + added_rad, k=5), read_s)
+            return _turns(solution, h, np.repeat(added_rad, FINER), step_s / FINER, coupling, passed)[::FINER]
 
         # Along the motion as it was read, and along the one that comes of it.
-        sharper_rad = stretch.path_rad + turns_rad(stretch.path_rad, reading)
         smooth_rad = _filtered(stretch.path_rad, SHAFT)
-        motion = make_interp_spline(time_s, smooth_rad + turns_rad(sharper_rad, (SHAFT, stretch.tick_s), reading), k=5)
+        sharper_rad = stretch.path_rad + with_turns(stretch.path_rad, np.zeros(time_s.size), reading)
+        added_rad = with_turns(smooth_rad, sharper_rad - smooth_rad, (SHAFT, stretch.tick_s), reading)
+        motion = make_interp_spline(time_s, smooth_rad + added_rad, k=5)
         h = _friction_share(stretch, solution, motion, delayed_s)
         path, velocity, acceleration = motion(at_s), motion(at_s, 1), motion(at_s, 2)
         damped = velocity * shape.damping(velocity, at_s - solution.regression.rows[0].middle_s)
@@ -413,15 +437,20 @@ def _friction_nm(solution: Solution, h: FloatArray, step_s: float) -> FloatArray
 def _turns(
     solution: Solution,
     h: FloatArray,
+    added_rad: FloatArray,
     step_s: float,
     coupling: Coupling | None,
     passed: tuple[tuple[Kernel, float], ...],
 ) -> FloatArray:
-    """What friction, of share ``h`` (n,), adds to a motion that has ``passed`` kernels of these samples [s]: (n,).
+    """What friction adds to a motion that has ``passed`` kernels of these samples [s]: (n,).
 
     Where a shaft turns round, its friction changes within less time than readings are apart, and they do not tell how
     it moves meanwhile; the law does. So fast, nothing else answers to the contact's torque than the inertia on the
     sensor's spring.
+
+    ``h`` (n,) is the friction's share where ``added_rad`` (n,) was added. Of a contact that sticks, what is added
+    changes the torque in turn, so this is a Newton step with its damping for the slope. Without that slope the motion
+    of a light shaft with much damping would be further off after each step.
     """
     friction_nm = _friction_nm(solution, h, step_s)
     size, inertia_kgm2 = next_fast_len(h.size, real=True), motor_inertia(solution)
@@ -432,8 +461,10 @@ def _turns(
     answer[shown] = share[shown] / (inertia_kgm2 * (2 * np.pi * frequency_hz[shown]) ** 2)
     if coupling is not None:
         answer[shown] *= 1.0 - coupling.response(frequency_hz[shown], inertia_kgm2) / inertia_kgm2
-    spectrum = np.fft.rfft(friction_nm - np.mean(friction_nm), size)
-    return np.asarray(np.fft.irfft(spectrum * answer, size)[: h.size], dtype=np.float64)
+    sticks_nm_rad = 2j * np.pi * frequency_hz * max(float(solution.linear[DAMPING]), 0.0)
+    changed = np.fft.rfft(friction_nm - np.mean(friction_nm), size) - sticks_nm_rad * np.fft.rfft(added_rad, size)
+    spectrum = answer * changed / (1.0 - answer * sticks_nm_rad)
+    return np.asarray(np.fft.irfft(spectrum, size)[: h.size], dtype=np.float64)
 
 
 def _port(stretch: Signals, solution: Solution, time_s: FloatArray) -> FloatArray:

@@ -139,6 +139,21 @@ def test_more_than_noise_that_nothing_explains_spoils_all(result, error):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("shaken_nm", "status"), [(0.0, Status.VALID), (1.4e-3, Status.INADEQUATE)])
+def test_what_no_errors_of_readings_leave_spoils_all(varied, shaken_nm, status):
+    """A torque at 20 to 60 Hz that comes from neither motor: about as much of the residual as the sensor's noise."""
+    random, torque = np.random.default_rng(5), varied.torque.copy()
+    spectrum = np.fft.rfft(random.standard_normal(len(torque)))
+    frequency_hz = np.fft.rfftfreq(len(torque), TICK_S)
+    shaken = np.fft.irfft(np.where((frequency_hz > 20.0) & (frequency_hz < 60.0), spectrum, 0.0), len(torque))
+    torque["torque_nm"] += shaken_nm * shaken / np.std(shaken)
+    found = judged_with_few_draws(replace(varied, torque=torque))
+    assert found.result.estimate("inertia").status is status
+    told = [text for text in found.result.verdict if "times the power that the readings' errors alone would" in text]
+    assert bool(told) == bool(shaken_nm)
+
+
+@pytest.mark.long
 def test_the_zero_is_compared_with_the_tare(result, stretches, experiment, error):
     """0.3 s of 1 mN·m of noise tell the zero to 0.06 mN·m; what was read at rest stands where the two differ."""
     assert abs(error.zero.moved_nm) < 4 * error.zero.std_nm
