@@ -6,7 +6,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.regression import Regression
-from norton_bench.identification.shape import MOTION_DELAY, Shape
+from norton_bench.identification.shape import BANDWIDTH, COMMAND_DELAY, MOTION_DELAY, Shape
 from norton_bench.models.terms import TermParameter, parameters_of
 
 # Sides of the box.
@@ -17,6 +17,8 @@ DELAY_TICKS = 8.0
 # Of (log β, log s, d_c, d_m); a step that is not better is tried again with these shares of it.
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
+# The share of a time constant that one step leaves of it, at least.
+LEAST_LAG = 0.25
 # Of the rms velocity: slow sliding. A search begins at these, so that one of any width is near to some.
 SLOW_SHARES = (0.025, 0.05, 0.1, 0.2, 0.4)
 # What is searched: a narrower fall of friction lies within a reading, a wider one looks like less damping.
@@ -76,6 +78,20 @@ def shortened(step: FloatArray, longest: FloatArray = LONGEST_STEP) -> Iterator[
     for direction in (clipped, straight):
         for share in STEP_SHARES:
             yield share * direction
+
+
+def stepped(place: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Where in the box a step from ``place`` leads, all (unknowns,): straight on in 1/β² and in the delay d_c + 1/β.
+
+    That delay is what the lowest frequencies tell of an amplifier, and the square of its time constant is what the next
+    ones do: log (1 + jω/β) = jω/β + ω²/2β² + ... Straight on in log β a step would leave the valley in which lag and
+    delay stand for each other, and a fast amplifier would take dozens of them.
+    """
+    result, lag_s = place + step, float(np.exp(-place[BANDWIDTH]))
+    left_s = lag_s * max(float(np.sqrt(max(1.0 - 2.0 * step[BANDWIDTH], 0.0))), LEAST_LAG)
+    result[BANDWIDTH] = np.clip(-np.log(left_s), low[BANDWIDTH], high[BANDWIDTH])
+    result[COMMAND_DELAY] += lag_s * (1.0 - step[BANDWIDTH]) - float(np.exp(-result[BANDWIDTH]))
+    return np.clip(result, low, high)
 
 
 def inside(step: FloatArray, place: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

@@ -15,7 +15,15 @@ from norton_bench.identification.bands import told, worthwhile_band
 from norton_bench.identification.fed_back import SharedErrors
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.regression import Memory, Regression
-from norton_bench.identification.search_box import LONGEST_STEP, box, inside, of_terms_too, shortened, velocity_starts
+from norton_bench.identification.search_box import (
+    LONGEST_STEP,
+    box,
+    inside,
+    of_terms_too,
+    shortened,
+    stepped,
+    velocity_starts,
+)
 from norton_bench.identification.shape import BANDWIDTH, COULOMB, MOTION_DELAY, Shape
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.turns import is_new, strongest_period
@@ -231,8 +239,9 @@ class _At:
         self, step: FloatArray, low: FloatArray, high: FloatArray, longest: FloatArray, most: int | None
     ) -> "_At | None":
         """The first of so many shares of a step, inside the box, that is better; None where none is."""
-        moved = (np.clip(self.shape.as_array() + each, low, high) for each in islice(shortened(step, longest), most))
-        trials = (_At.of(self.regression, self.shape.at(each)) for each in moved)
+        place = self.shape.as_array()
+        places = (stepped(place, each, low, high) for each in islice(shortened(step, longest), most))
+        trials = (_At.of(self.regression, self.shape.at(each)) for each in places)
         return next((trial for trial in trials if trial.cost < self.cost), None)
 
     def step_within(self, low: FloatArray, high: FloatArray, longest: FloatArray) -> tuple[FloatArray, float]:

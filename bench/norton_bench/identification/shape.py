@@ -10,7 +10,7 @@ from norton_bench.models.terms import DAMPING_DRIFT, DRAG, FRICTION_DRIFT, GAIN_
 
 LINEAR = ("torque_gain", "inertia", "viscous_damping", "coulomb_torque", "presliding_damping")
 GAIN, INERTIA, VISCOUS, COULOMB, DAMPING = range(5)
-BANDWIDTH, MOTION_DELAY = 0, 3  # of (log β, log s, d_c, d_m)
+BANDWIDTH, COMMAND_DELAY, MOTION_DELAY = 0, 2, 3  # of (log β, log s, d_c, d_m)
 MOTOR_VALUES = 9  # of a solution: the motor's seven parameters and two delays; those of terms follow
 # Steps of the differences that stand for derivatives: relative, and of delays.
 SMALL = 0.01

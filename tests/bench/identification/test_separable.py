@@ -1,12 +1,21 @@
 """The search for what is not linear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from norton_bench.identification.fit import solution_of
-from norton_bench.identification.search_box import BANDWIDTH_RAD_S, LONGEST_STEP, inside, limits
-from norton_bench.identification.separable import _At
-from norton_bench.identification.shape import GAIN, MOTION_DELAY
+from norton_bench.identification.search_box import (
+    BANDWIDTH_RAD_S,
+    LEAST_LAG,
+    LONGEST_STEP,
+    inside,
+    limits,
+    stepped,
+)
+from norton_bench.identification.separable import CONVERGED_STEP, _At, _iterate
+from norton_bench.identification.shape import BANDWIDTH, COMMAND_DELAY, GAIN, MOTION_DELAY
 from norton_bench.identification.signals import signals
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth, experiment
@@ -44,6 +53,35 @@ def test_a_bandwidth_that_is_hardly_told_is_followed_to_the_side_of_the_box_with
     assert solution.converged
     assert solution.shape.bandwidth_rad_s == pytest.approx(BANDWIDTH_RAD_S[1])
     assert solution.linear[GAIN] == pytest.approx(truth.torque_gain, rel=0.01)
+
+
+def test_a_step_goes_straight_on_in_what_low_frequencies_tell_of_a_lag() -> None:
+    place, step = np.array([np.log(800.0), 4.0, 1e-3, -2e-4]), np.array([0.3, 0.1, 2e-4, -1e-4])
+
+    low, high = limits(TICK_S)
+
+    def told(share: float) -> np.ndarray:
+        at = stepped(place, share * step, low, high)
+        lag_s = np.exp(-at[BANDWIDTH])
+        return np.array([lag_s**2, at[COMMAND_DELAY] + lag_s, *at[[1, 3]]])
+
+    assert told(1.0) - told(0.5) == pytest.approx(told(0.5) - told(0.0), rel=1e-9)
+    assert (stepped(place, 1e-6 * step, low, high) - place) / 1e-6 == pytest.approx(step, rel=1e-4)
+    quicker = stepped(place, np.array([5.0, 0.0, 0.0, 0.0]), low, high)
+    assert quicker[BANDWIDTH] == pytest.approx(np.log(800.0 / LEAST_LAG))
+
+
+@pytest.mark.long
+def test_a_fast_amplifier_takes_few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From 300 rad/s to the side of the box: 37 regressions were needed straight on in log β."""
+    truth = Truth(amplifier_bandwidth=6000.0)
+    solution = solution_of(signals(experiment(seed=3, truth=truth, free=False), TICK_S, Use.IDENTIFY))
+    tried, solved = [], _At.solved.__func__
+    monkeypatch.setattr(_At, "solved", classmethod(lambda cls, *at: tried.append(at) or solved(cls, *at)))
+    slow = replace(solution.shape, bandwidth_rad_s=300.0)
+    again = _iterate(solution.regression, slow, within=CONVERGED_STEP)
+    assert again.cost == pytest.approx(solution.cost, rel=1e-6)
+    assert len(tried) < 15
 
 
 def test_a_step_is_shortened_until_it_stays_in_the_box() -> None:
