@@ -11,6 +11,7 @@ from math import isnan
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.distributions import t_quantile
 from norton_bench.identification.bootstrap import Simulation
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import (
@@ -29,7 +30,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.simulated_bench import inertia_of
-from norton_bench.identification.statistics import NORMAL_95, std_of_next
+from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
@@ -85,8 +86,8 @@ def _kind(resonance_hz: float, rate_hz: float) -> Kind:
 # More than this share of what is left is no noise: then there is something, even where nothing looked at explains it.
 UNEXPLAINED = 0.5
 TWICE = 2.0
-# Deviations that chance passes in one session of two hundred.
-CERTAIN = 2.58
+# Chance passes it in one session of two hundred.
+CERTAIN = 0.995
 
 
 @dataclass(frozen=True)
@@ -117,9 +118,9 @@ class ModelError:
     """``rms_nm`` is what the network leaves of the torque on segments that its values were not fitted to, beyond the
     ``noise_nm`` of the readings; ``left_nm`` the same, were all ``departures`` in the model.
 
-    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open; then
-    ``times_simulated``, if it is not NaN, is how many times the mean square that errors of the readings alone leave of
-    simulated records the fit leaves of the real one.
+    It is ``unexplained`` where most of that is neither noise nor what ticks and counts leave open, or where the fit
+    leaves ``times_simulated`` the mean square that errors of the readings alone leave of simulated records (NaN where
+    that is not so much).
     ``spread`` (7,) is how far each of motor_values.PHYSICAL moves, relative, when segments are left out one by one
     (jackknife).
     ``prediction`` is empty until it is worked out (``prediction_error``).
@@ -225,9 +226,13 @@ def _times_simulated(result: FitResult) -> float:
     """
     if result.simulated is None:
         return NAN
+    seen = result.simulated.bench.readings.errors_seen
+    if seen is not None and seen.factor > 1.0:  # the simulated encoder errs only as its own readings show
+        return NAN
     left = result.simulated.left
-    share, std = float(np.mean(left)), float(std_of_next(left[:, None])[0])
-    certain, most = share + CERTAIN * std < 1.0, share - NORMAL_95 * std < 1.0 - UNEXPLAINED
+    share, std = float(np.mean(left)), float(np.std(left, ddof=1) * np.sqrt(1.0 + 1.0 / left.size))
+    certain = share + t_quantile(CERTAIN, left.size - 1) * std < 1.0
+    most = share - t_quantile(0.975, left.size - 1) * std < 1.0 - UNEXPLAINED
     return 1.0 / share if certain and most else NAN
 
 

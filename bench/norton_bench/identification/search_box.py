@@ -14,7 +14,7 @@ BANDWIDTH_RAD_S = (20.0, 6000.0)
 S_PER_RAD = (5.0, 5e4)
 DELAY_TICKS = 8.0
 
-# Of (log β, log s, d_c, d_m); a step that is not better is tried again with these shares of it.
+# Of (log β, log s, d_c, d_m), as tangents; a step that is not better is tried again with these shares of it.
 LONGEST_STEP = np.array([0.7, 0.7, 5e-4, 5e-4])
 STEP_SHARES = (1.0, 0.5, 0.2, 0.05)
 # The share of a time constant that one step leaves of it, at least.
@@ -88,9 +88,11 @@ def stepped(place: FloatArray, step: FloatArray, low: FloatArray, high: FloatArr
     delay stand for each other, and a fast amplifier would take dozens of them.
     """
     result, lag_s = place + step, float(np.exp(-place[BANDWIDTH]))
-    left_s = lag_s * max(float(np.sqrt(max(1.0 - 2.0 * step[BANDWIDTH], 0.0))), LEAST_LAG)
-    result[BANDWIDTH] = np.clip(-np.log(left_s), low[BANDWIDTH], high[BANDWIDTH])
-    result[COMMAND_DELAY] += lag_s * (1.0 - step[BANDWIDTH]) - float(np.exp(-result[BANDWIDTH]))
+    left = max(float(np.sqrt(max(1.0 - 2.0 * step[BANDWIDTH], 0.0))), LEAST_LAG)
+    result[BANDWIDTH] = np.clip(place[BANDWIDTH] - np.log(left), low[BANDWIDTH], high[BANDWIDTH])
+    left = float(np.exp(place[BANDWIDTH] - result[BANDWIDTH]))
+    # The series is one for fast amplifiers: a slow one's delay would be led astray.
+    result[COMMAND_DELAY] += min(0.5 * lag_s * (1.0 - left) ** 2, LONGEST_STEP[COMMAND_DELAY])
     return np.clip(result, low, high)
 
 

@@ -303,7 +303,8 @@ def _with_cogging(solution: Solution, *, within: FloatArray) -> Solution:
     for _ in range(MOST_COGGINGS - len(solution.regression.cogging)):
         regression = solution.regression
         position = regression.position(solution.shape)
-        periods = strongest_period(position, solution.residual, regression.alike)
+        weight = None if regression.whitening is None else regression.whitening.scale**2
+        periods = strongest_period(position, solution.residual, regression.alike, weight)
         if periods is None or not is_new(periods, regression.cogging, position):
             break
         more = replace(regression, cogging=(*regression.cogging, periods))

@@ -97,8 +97,8 @@ class ReadingErrors:
         own, most = self.noise**2 + self.jitter_s**2 * float(np.mean(rate**2)), max(variance - self.step**2 / 12, 0.0)
         if own <= most:
             return self
-        share = np.sqrt(most / own)
-        return replace(self, noise=float(share * self.noise), jitter_s=float(share * self.jitter_s))
+        share = float(np.sqrt(most / own))
+        return ReadingErrors(share * self.noise, self.step, share * self.jitter_s, share**2 * self.variance_std)
 
     def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
         """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
@@ -118,8 +118,12 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
     standard error of the intercept.
 
     Least absolute deviations, relative to the line: while a shaft is shaken, its motion may pass for noise in some of
-    the blocks, a hundred times as great as that of the others.
+    the blocks, a hundred times as great as that of the others. Where no reading differs from the next, values tell
+    nothing: counts hide all.
     """
+    x, y = x[y > 0.0], y[y > 0.0]
+    if not y.size:
+        return 0.0, 0.0, 0.0
     constant, slope, mean_x, spread = float(np.median(y)), 0.0, 0.0, 0.0
     for _ in range(LINE_ROUNDS):
         line = np.maximum(constant + slope * x, 1e-30)
@@ -129,7 +133,7 @@ def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
         slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
         constant = mean_y - slope * mean_x
         if constant < 0.0:
-            constant, slope = 0.0, float(np.average(y, weights=weight) / mean_x)
+            constant, slope = 0.0, float(np.sum(weight * x * y) / np.sum(weight * x * x))
     line = np.maximum(constant + slope * x, 1e-30)
     scatter = MEDIAN_OF_NORMAL * NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(y / line - 1.0)))
     lever = 1.0 + (mean_x**2 / spread if slope > 0.0 and spread > 0.0 else 0.0)
@@ -185,7 +189,8 @@ class SimulatedStretch:
 
         def with_turns(path_rad: FloatArray, added_rad: FloatArray, *passed: tuple[Kernel, float]) -> FloatArray:
             h = _friction_share(stretch, solution, make_interp_spline(time_s, path_rad + added_rad, k=5), read_s)
-            return _turns(solution, h, np.repeat(added_rad, FINER), step_s / FINER, coupling, passed)[::FINER]
+            added_finer_rad = make_interp_spline(time_s, added_rad, k=5)(read_s)
+            return _turns(solution, h, added_finer_rad, step_s / FINER, coupling, passed)[::FINER]
 
         # Along the motion as it was read, and along the one that comes of it.
         smooth_rad = _filtered(stretch.path_rad, SHAFT)

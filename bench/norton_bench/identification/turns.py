@@ -142,30 +142,35 @@ LEAST_SHARE = 0.1
 RESOLVED = 0.5
 
 
-def strongest_period(position_rad: FloatArray, residual: FloatArray, correlated: float) -> float | None:
+def strongest_period(
+    position_rad: FloatArray, residual: FloatArray, correlated: float, weight: FloatArray | None = None
+) -> float | None:
     """Torque that goes with the shaft's position: found in what nothing else explains, by its periods in a turn.
 
     Magnets and teeth give integers; a gear train gives any number, so the search is over all of them.
 
     Periods a turn of the strongest line of ``residual`` over position, both (n,); None where none stands out.
 
-    ``correlated`` is how many neighbouring residuals count as one.
+    ``correlated`` is how many neighbouring residuals count as one, ``weight`` (n,) one over their variances, relative:
+    near turns an unknown place within counts may leave far more than a wave does.
     """
     first = float(np.min(position_rad))
     turns = (float(np.max(position_rad)) - first) / (2 * np.pi)
     if turns * SEARCHED_PERIODS < FEWEST_PERIODS:
         return None
     bins = ((position_rad - first) / (2 * np.pi) * BINS_A_TURN).astype(np.int64)
-    sums = np.bincount(bins, residual - np.mean(residual))
+    weight = np.ones(residual.size) if weight is None else weight
+    sums = np.bincount(bins, weight * (residual - np.average(residual, weights=weight)))
     length = 2 ** int(np.ceil(np.log2(FINER * sums.size)))
-    spectrum = np.abs(np.fft.rfft(sums, length)) ** 2 / (correlated * np.sum(residual**2))
+    spectrum = np.abs(np.fft.rfft(sums, length)) ** 2
+    rms, amplitude = np.sqrt(np.average(residual**2, weights=weight)), 2.0 * np.sqrt(spectrum) / np.sum(weight)
+    spectrum /= correlated * np.sum((weight * residual) ** 2)
     periods = np.arange(spectrum.size) * (BINS_A_TURN / length)
     slowest = max(1.0, FEWEST_PERIODS / turns)
     slower = periods < slowest - RESOLVED / turns
     searched = ~slower & (periods <= SEARCHED_PERIODS)
     best = int(np.argmax(np.where(searched, spectrum, 0.0)))
-    share = 2.0 * np.sqrt(correlated * spectrum[best] / residual.size)
-    if spectrum[best] < EVIDENCE or share < LEAST_SHARE:
+    if spectrum[best] < EVIDENCE or amplitude[best] < LEAST_SHARE * rms:
         return None
     if slowest > 1.0 and spectrum[best] < np.max(spectrum[slower]):
         return None  # a side lobe of something slower

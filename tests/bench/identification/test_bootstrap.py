@@ -51,14 +51,27 @@ def test_motion_too_fast_for_the_readings_is_no_noise_where_it_is_at_times_only(
     assert found.jitter_s == pytest.approx(jitter_s, rel=0.15, abs=5e-6)
 
 
+def test_blocks_in_which_counts_hide_all_tell_nothing_of_uneven_instants() -> None:
+    """A shaft that rests for a third of the time: no reading differs from the one before."""
+    errors, step, random = ReadingErrors(0.0, 2e-4, 3e-5), 2e-4, np.random.default_rng(3)
+    time_s = np.arange(60_000) * TICK_S
+    moves = np.sin(0.3 * time_s) > -0.5
+    path = np.cumsum(np.where(moves, 20.0 * np.sin(3.0 * time_s), 0.0)) * TICK_S
+    read = np.where(moves, errors.drawn(path, np.gradient(path, time_s), random), np.round(path / step) * step)
+    found = ReadingErrors.of(TimeSeries(time_s, read, TICK_S), step)
+    # Slow blocks, in which counts alternate, tell less than the average of the others.
+    assert found.jitter_s == pytest.approx(3e-5, rel=0.2)
+
+
 def test_errors_are_no_greater_than_a_variance_allows() -> None:
-    errors, rate = ReadingErrors(noise=2e-3, step=1e-3, jitter_s=1e-4), np.array([-30.0, 10.0])
+    errors, rate = ReadingErrors(2e-3, 1e-3, 1e-4, variance_std=1e-7), np.array([-30.0, 10.0])
     variance = 2e-3**2 + 1e-3**2 / 12 + 1e-4**2 * 500.0
     assert errors.no_more_than(1.01 * variance, rate) is errors
     less = errors.no_more_than(0.3 * variance, rate)
     assert less.noise**2 + less.step**2 / 12 + less.jitter_s**2 * 500.0 == pytest.approx(0.3 * variance)
     assert less.noise / less.jitter_s == pytest.approx(errors.noise / errors.jitter_s)
     assert less.step == errors.step  # which readings show
+    assert less.variance_std / less.noise**2 == pytest.approx(errors.variance_std / errors.noise**2)
     counted = errors.no_more_than(0.5 * errors.step**2 / 12, rate)
     assert (counted.noise, counted.jitter_s) == (0.0, 0.0)
 

@@ -67,8 +67,11 @@ def test_a_step_goes_straight_on_in_what_low_frequencies_tell_of_a_lag() -> None
 
     assert told(1.0) - told(0.5) == pytest.approx(told(0.5) - told(0.0), rel=1e-9)
     assert (stepped(place, 1e-6 * step, low, high) - place) / 1e-6 == pytest.approx(step, rel=1e-4)
-    quicker = stepped(place, np.array([5.0, 0.0, 0.0, 0.0]), low, high)
+    quicker = stepped(place, np.array([5.0, 0.0, 0.0, 0.0]), low, high)  # as far as one step goes, in both
     assert quicker[BANDWIDTH] == pytest.approx(np.log(800.0 / LEAST_LAG))
+    assert quicker[COMMAND_DELAY] == pytest.approx(1e-3 + 0.5 * (1.0 - LEAST_LAG) ** 2 / 800.0)
+    slow = stepped(np.array([np.log(30.0), 4.0, 1e-3, 0.0]), np.array([-0.7, 0.0, 0.0, 0.0]), low, high)
+    assert slow[COMMAND_DELAY] == pytest.approx(1e-3 + LONGEST_STEP[COMMAND_DELAY])
 
 
 @pytest.mark.long

@@ -193,11 +193,29 @@ def test_a_wave_is_found_that_returns_three_times_on_the_way(reach_rad, periods,
     assert strongest_period(angle, residual, 1.0) == expected
 
 
+def near_turns(angle):
+    """Weights of rows that deviate ten times as much where the shaft is slow."""
+    return np.where(np.abs(np.gradient(angle)) < 0.2 * np.max(np.abs(np.gradient(angle))), 0.01, 1.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wave_is_found_beside_errors_near_turns_where_those_count_less(seed):
+    angle = swinging(30.0)
+    weight = near_turns(angle)
+    noise = np.random.default_rng(seed).standard_normal(angle.size) / np.sqrt(weight)
+    residual = 0.15 * np.cos(23 * angle + 0.4) + noise
+    assert strongest_period(angle, residual, 1.0) is None
+    assert strongest_period(angle, residual, 1.0, weight) == 23.0
+
+
 @pytest.mark.parametrize("reach_rad", [30.0, 1.0])
-def test_noise_alone_has_no_wave(reach_rad):
+@pytest.mark.parametrize("weighted", [False, True])
+def test_noise_alone_has_no_wave(reach_rad, weighted):
     rng = np.random.default_rng(0)
     angle = swinging(reach_rad)
-    assert {strongest_period(angle, rng.standard_normal(angle.size), 1.0) for _ in range(200)} == {None}
+    weight = near_turns(angle) if weighted else np.ones(angle.size)
+    noise = (rng.standard_normal(angle.size) / np.sqrt(weight) for _ in range(200))
+    assert {strongest_period(angle, each, 1.0, weight) for each in noise} == {None}
 
 
 def test_a_wave_that_the_way_cannot_tell_from_a_known_one_is_not_new():
