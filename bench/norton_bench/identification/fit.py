@@ -79,8 +79,8 @@ def fit(
     ``draws`` records are simulated for the deviations (:mod:`norton_bench.identification.bootstrap`); with none of them
     the fit takes a tenth of the time, and values and deviations hold only what readings and residual show.
     ``coupling`` is what the calibration tells of the spring between the motors
-    (:func:`norton_bench.identification.load.coupling_of`); without it ringing that the readings alias may pass for a lag
-    or an inertia, and no deviation says so.
+    (:func:`norton_bench.identification.load.coupling_of`); without it ringing that the readings alias may pass for a
+    lag or an inertia, and no deviation says so.
     """
     cleaned = clean(measured)
     stretches = signals(cleaned.measured, tick_s, use)
