@@ -19,6 +19,7 @@ from norton_bench.identification.counts import resolution_rad
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
 from norton_bench.identification.kernels import Kernel
+from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.signals import (
@@ -33,9 +34,7 @@ from norton_bench.identification.signals import (
     travel_times_s,
 )
 from norton_bench.identification.simulated_bench import (
-    NO_ERRORS,
     Driving,
-    ReadingErrors,
     SimulatedStretch,
     even_grid,
     inertia_of,
@@ -154,10 +153,11 @@ def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> S
     fits, left = [], []
     for solution in _solutions(bench):
         fits.append(physical(solution))
-        left.append(np.mean(solution.innovation**2) / np.mean(bench.solution.innovation**2))
+        left.append(np.mean(solution.innovation**2))
     variances = np.array([np.diag(covariance) for _, covariance in fits])
     values = np.array([values for values, _ in fits])
-    return Scatter(values, put_in, np.sqrt(np.mean(variances, axis=0)), np.array(left))
+    shares = np.array(left) / np.mean(bench.solution.innovation**2)
+    return Scatter(values, put_in, np.sqrt(np.mean(variances, axis=0)), shares)
 
 
 def _solutions(bench: "Simulation") -> Iterator[Solution]:

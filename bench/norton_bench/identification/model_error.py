@@ -11,7 +11,6 @@ from math import isnan
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.distributions import t_quantile
 from norton_bench.identification.bootstrap import Simulation
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.departures import (
@@ -30,7 +29,7 @@ from norton_bench.identification.results import FitResult
 from norton_bench.identification.ringing import Ringing
 from norton_bench.identification.signals import Signals
 from norton_bench.identification.simulated_bench import inertia_of
-from norton_bench.identification.statistics import NORMAL_95
+from norton_bench.identification.statistics import NORMAL_95, reach_of_next
 from norton_bench.identification.torque_limit import MOVES_AND_RUBS
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import NAN, Estimate, PredictionError, Status
@@ -230,9 +229,9 @@ def _times_simulated(result: FitResult) -> float:
     if seen is not None and seen.factor > 1.0:  # the simulated encoder errs only as its own readings show
         return NAN
     left = result.simulated.left
-    share, std = float(np.mean(left)), float(np.std(left, ddof=1) * np.sqrt(1.0 + 1.0 / left.size))
-    certain = share + t_quantile(CERTAIN, left.size - 1) * std < 1.0
-    most = share - t_quantile(0.975, left.size - 1) * std < 1.0 - UNEXPLAINED
+    share = float(np.mean(left))
+    certain = share + reach_of_next(left, CERTAIN) < 1.0
+    most = share - reach_of_next(left, 0.975) < 1.0 - UNEXPLAINED
     return 1.0 / share if certain and most else NAN
 
 

@@ -1,4 +1,4 @@
-"""One stretch of a bench as if its fit were true, and the errors that its readings have.
+"""One stretch of a bench as if its fit were true.
 
 The smoothed motion is taken for the true one and the fit for the true actuator. The measuring chain is as it was
 measured: noise and steps of the torque readings, counts of the encoder, the instants at which readings are taken, and
@@ -21,26 +21,14 @@ from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fed_back import lag_of_place
 from norton_bench.identification.joint_regression import Driven, JointRegression
 from norton_bench.identification.kernels import FULL_BAND, Kernel
-from norton_bench.identification.readings import (
-    MEDIAN_OF_NORMAL,
-    NOISE_FEWEST_BLOCKS,
-    NOISE_ORDER,
-    NOISE_VARIANCE,
-    NORMAL_MEDIAN_SQUARE,
-    NORMAL_OF_MEDIAN_DEVIATION,
-)
 from norton_bench.identification.separable import Solution
 from norton_bench.identification.shape import COULOMB, DAMPING, GAIN, INERTIA, LINEAR, VISCOUS, Shape
 from norton_bench.identification.signals import FINE, OF_MOTION, Signals, TimeSeries
 from norton_bench.models.terms import LIGHTEST_OUTPUT, OUTPUT_INERTIA, Factor
 
 Spectrum = npt.NDArray[np.complex128]
-# Rounds of weighted least squares towards least absolute deviations, which count no less than this, relative.
-LINE_ROUNDS, NEAR = 30, 1e-2
 # The simulated friction follows the path this many times as finely as the fit does.
 FINER = 4
-# Noise is told from errors of the instants by readings in blocks of so many, fast ones and slow ones.
-BLOCK = 100
 # The motion that was measured tells the port's torque up to nearly half the rate of the readings. Above that, inertia
 # and coupling alone decide what the sensor feels of the motors.
 PORT = Kernel(cutoff=0.45, half_width=24.0)
@@ -55,89 +43,6 @@ SHAFT = Kernel(cutoff=0.22, half_width=16.0)
 # A kernel that takes off less than this passes all: what its ripple takes off slow motion would become a drift.
 LEAST_SHARE = 1e-3
 NO_RESTS = np.empty(0, dtype=np.int64)
-
-
-@dataclass(frozen=True)
-class ReadingErrors:
-    """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
-    instants at which they are taken scatter.
-
-    ``variance_std`` is the standard error of the noise's variance.
-    """
-
-    noise: float
-    step: float
-    jitter_s: float
-    variance_std: float = 0.0
-
-    @classmethod
-    def of(cls, stream: TimeSeries, step: float) -> "ReadingErrors":
-        """The variance of a reading's error is a + b·rate²: b is that of its instant."""
-        squares = np.diff(stream.value, NOISE_ORDER) ** 2 / NOISE_VARIANCE
-        rate = np.gradient(stream.value, stream.time_s)[NOISE_ORDER // 2 : -(NOISE_ORDER // 2)]
-        count = squares.size // BLOCK
-        if count < NOISE_FEWEST_BLOCKS:
-            return cls(0.0, step, 0.0)
-        blocks = squares[: count * BLOCK].reshape(count, BLOCK)
-        # The median passes over shocks; for normal errors it is this much of the mean.
-        power = np.median(blocks, axis=1) / NORMAL_MEDIAN_SQUARE
-        speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
-        constant, slope, constant_std = _line(speed, power)
-        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)), constant_std)
-
-    @property
-    def known_to(self) -> float:
-        """The standard error of the variance of a reading at rest, over that variance."""
-        variance = self.noise**2 + self.step**2 / 12
-        return self.variance_std / variance if variance > 0.0 else 0.0
-
-    def no_more_than(self, variance: float, rate: FloatArray) -> "ReadingErrors":
-        """The same with noise and jitter so small that readings which change at ``rate`` (n,) have no greater variance,
-        in the mean; the step stays."""
-        own, most = self.noise**2 + self.jitter_s**2 * float(np.mean(rate**2)), max(variance - self.step**2 / 12, 0.0)
-        if own <= most:
-            return self
-        share = float(np.sqrt(most / own))
-        return ReadingErrors(share * self.noise, self.step, share * self.jitter_s, share**2 * self.variance_std)
-
-    def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
-        """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
-        read = values + self.jitter_s * rate * random.standard_normal(values.size)
-        read += self.noise * random.standard_normal(values.size)
-        if self.step == 0.0:
-            return read
-        zero = self.step * random.uniform()
-        return np.asarray(np.round((read + zero) / self.step) * self.step - zero)
-
-
-NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
-
-
-def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
-    """Intercept and slope, neither negative, of values whose scatter goes with their size: shape (n,) each; and the
-    standard error of the intercept.
-
-    Least absolute deviations, relative to the line: while a shaft is shaken, its motion may pass for noise in some of
-    the blocks, a hundred times as great as that of the others. Where no reading differs from the next, values tell
-    nothing: counts hide all.
-    """
-    x, y = x[y > 0.0], y[y > 0.0]
-    if not y.size:
-        return 0.0, 0.0, 0.0
-    constant, slope, mean_x, spread = float(np.median(y)), 0.0, 0.0, 0.0
-    for _ in range(LINE_ROUNDS):
-        line = np.maximum(constant + slope * x, 1e-30)
-        weight = 1.0 / (line * np.maximum(np.abs(y - line), NEAR * line))
-        mean_x, mean_y = float(np.average(x, weights=weight)), float(np.average(y, weights=weight))
-        spread = float(np.average((x - mean_x) ** 2, weights=weight))
-        slope = max(float(np.average((x - mean_x) * (y - mean_y), weights=weight)) / spread, 0.0) if spread > 0 else 0.0
-        constant = mean_y - slope * mean_x
-        if constant < 0.0:
-            constant, slope = 0.0, float(np.sum(weight * x * y) / np.sum(weight * x * x))
-    line = np.maximum(constant + slope * x, 1e-30)
-    scatter = MEDIAN_OF_NORMAL * NORMAL_OF_MEDIAN_DEVIATION * float(np.median(np.abs(y / line - 1.0)))
-    lever = 1.0 + (mean_x**2 / spread if slope > 0.0 and spread > 0.0 else 0.0)
-    return constant, slope, scatter * float(np.sqrt(lever / np.sum(line**-2.0)))
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,15 @@ from norton_bench.identification.bootstrap import Readings, Scatter, Simulation,
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.fit import fit
 from norton_bench.identification.motor_values import PHYSICAL, physical
+from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
-from norton_bench.identification.simulated_bench import EvenSpline, ReadingErrors
+from norton_bench.identification.simulated_bench import EvenSpline
 from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
 from tests.bench.identification.synthetic import TICK_S
-
-NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
 
 
 def stream(noise: float, step: float, jitter_s: float, seed: int = 3) -> TimeSeries:

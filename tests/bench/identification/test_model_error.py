@@ -1,13 +1,15 @@
 """The model's own error: bounds that hold, statuses and sentences where something is missing, silence where not."""
 
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 import pytest
 
+from norton_bench.identification.bootstrap import ErrorsSeen
 from norton_bench.identification.departures import CHANGE, DRAG, Departure
 from norton_bench.identification.judged_fit import beyond_bounds, possible
-from norton_bench.identification.model_error import expanded, judged, judged_estimates, model_error
+from norton_bench.identification.model_error import _times_simulated, expanded, judged, judged_estimates, model_error
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.prediction_error import LEVEL, prediction_error
 from norton_bench.identification.sanity_checks import FailedCheck
@@ -136,6 +138,25 @@ def test_more_than_noise_that_nothing_explains_spoils_all(result, error):
     told = judged(result, replace(error, unexplained=True))
     assert all(each.status is Status.INADEQUATE for each in told.estimates)
     assert "nothing that was looked at explains it" in told.verdict[0]
+
+
+@pytest.mark.parametrize(
+    ("share", "scatter", "factor", "expected"),
+    [
+        (0.5, 0.05, None, 2.0),
+        (0.5, 0.05, 0.8, 2.0),
+        (0.5, 0.05, 1.5, nan),  # another encoder shows greater errors than the simulated one has
+        (0.5, 0.3, None, nan),  # chance does that
+        (0.7, 0.05, None, nan),  # most of what is left are errors of readings
+    ],
+)
+def test_what_the_fit_leaves_is_compared_with_what_simulated_records_leave(result, share, scatter, factor, expected):
+    bench = result.simulated.bench
+    seen = None if factor is None else ErrorsSeen(factor, 0.1, np.zeros(9))
+    bench = replace(bench, readings=replace(bench.readings, errors_seen=seen))
+    left = share + scatter * np.linspace(-1.5, 1.5, 12)
+    simulated = replace(result.simulated, left=left, bench=bench)
+    assert _times_simulated(replace(result, simulated=simulated)) == pytest.approx(expected, nan_ok=True)
 
 
 @pytest.mark.long

@@ -17,12 +17,12 @@ from norton_bench.identification.other_encoder import (
     shown_energy,
     with_errors_seen,
 )
+from norton_bench.identification.reading_errors import NO_ERRORS
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.sanity_checks import failed_checks
 from norton_bench.identification.separable import solve
 from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import signals
-from norton_bench.identification.simulated_bench import NO_ERRORS
 from norton_bench.segments import Use
 from tests.bench.identification.synthetic import TICK_S, Bench, Truth, brief
 
