@@ -28,7 +28,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported
 import lsoda
 import numpy as np
 
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult, LiveEstimate

@@ -32,8 +32,8 @@ import verdicts
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.expansion import Linearised, information
-from norton_bench.identification.fit import fit, network_of
-from norton_bench.identification.load import coupling_of
+from norton_bench.identification.fit import network_of
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import KNOWN, PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Signals, signals
@@ -85,8 +85,7 @@ def outcomes(rig: Rig, seed: int, condition: str) -> Iterator[Outcome]:
     with TemporaryDirectory() as folder:
         measured = record_session(quiet, standard_session(quiet), out=Path(folder), seed=seed).measured
     stretches = signals(measured, rig.tick_s, Use.IDENTIFY)
-    coupling = coupling_of(measured, rig.tick_s)
-    result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
+    result = fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
     truth = read_truth(rig.simulated, seed=seed, place=rig.place, command_unit=rig.command.unit)
     true = {name: true_parameters(truth, rig.command.unit)[name][0] for name in PHYSICAL}
     best = bounds(stretches, result, true, noise(truth, stretches, rig))

@@ -33,7 +33,7 @@ from other_worlds import CONTROL, RIG, rig_text, torque_errors, unseen_motions
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.fit import fit as fit_alone
+from norton_bench.identification.judged_fit import fit as fit_alone
 from norton_bench.identification.judged_fit import fit_judged
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult

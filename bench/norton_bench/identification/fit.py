@@ -11,9 +11,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.bootstrap import DRAWS, Readings, Simulation, scatter_of
-from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
-from norton_bench.identification.coupling import Coupling
+from norton_bench.identification.bootstrap import Readings, Simulation, scatter_of
+from norton_bench.identification.cleaning import NOTHING_FOUND, Findings
 from norton_bench.identification.current import Known, fit_current
 from norton_bench.identification.joint_fit import solve_behind
 from norton_bench.identification.motor_values import PHYSICAL, covariance_of, physical, stated_by_name
@@ -41,7 +40,7 @@ from norton_bench.identification.sanity_checks import (
 from norton_bench.identification.search_box import limits
 from norton_bench.identification.separable import Solution, solve, solve_with_terms
 from norton_bench.identification.shape import MOTOR_VALUES
-from norton_bench.identification.signals import Port, Signals, signals
+from norton_bench.identification.signals import Port, Signals
 from norton_bench.identification.simulated_bench import inertia_of
 from norton_bench.identification.statistics import LOOSE_BEYOND, with_lag_as_told
 from norton_bench.identification.term_estimates import cogging_found, terms_found, waves_found
@@ -49,8 +48,6 @@ from norton_bench.identification.torque_limit import torque_limit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import BY_NAME, Estimate, Status
 from norton_bench.models.terms import Factor, NetworkTerm, joint_of, parameters_of
-from norton_bench.records import Measured
-from norton_bench.segments import Use
 
 PRESLIDING = ("presliding_stiffness", "presliding_damping")
 # Of an encoder in the presliding length. The smoothed path is off by 0.15 counts near turns, and such errors in
@@ -65,29 +62,6 @@ FEWEST_COUNTS = 3.0
 PER_GAIN = tuple(name for name in PHYSICAL if name not in ("torque_gain", "amplifier_bandwidth"))
 
 
-def fit(
-    measured: Measured,
-    *,
-    command_unit: str,
-    tick_s: float,
-    use: Use = Use.IDENTIFY,
-    draws: int = DRAWS,
-    coupling: Coupling | None = None,
-) -> FitResult:
-    """Fit the actuator to every segment meant for ``use``. Raises ExperimentError where there is nothing to fit.
-
-    ``draws`` records are simulated for the deviations (:mod:`norton_bench.identification.bootstrap`); with none of them
-    the fit takes a tenth of the time, and values and deviations hold only what readings and residual show.
-    ``coupling`` is what the calibration tells of the spring between the motors
-    (:func:`norton_bench.identification.load.coupling_of`); without it ringing that the readings alias may pass for a
-    lag or an inertia, and no deviation says so.
-    """
-    cleaned = clean(measured)
-    stretches = signals(cleaned.measured, tick_s, use)
-    readings = Readings(cleaned.measured, tick_s, use, draws, coupling) if draws else None
-    return fit_signals(stretches, command_unit=command_unit, findings=cleaned.findings, readings=readings)
-
-
 def fit_signals(
     stretches: tuple[Signals, ...],
     *,
@@ -98,7 +72,7 @@ def fit_signals(
     readings: Readings | None = None,
     both_driven: bool = False,
 ) -> FitResult:
-    """The same, from signals that are on one grid already. ``findings`` are those of their cleaning.
+    """Fit the motor to signals that are on one grid. ``findings`` are those of their cleaning.
 
     ``cogging`` are periods a turn of torques that are known to go with the position; others are looked for.
     ``readings`` are what the signals were made of; without them the deviations hold only what the residual shows, and

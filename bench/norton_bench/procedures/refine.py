@@ -20,8 +20,7 @@ from norton_bench.identification.expansion import (
     noise_density_nm,
     vague,
 )
-from norton_bench.identification.fit import fit
-from norton_bench.identification.load import coupling_of
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import signals
 from norton_bench.procedures.excitations import Candidate, PlanBounds, candidates, travel_left_rad
@@ -108,8 +107,7 @@ class RefineProcedure:
         before = known.refinement
         log = before if before is not None and not before.finished else Refinement(self.options.until)
         record = join(known.records)
-        coupling = coupling_of(record, known.tick_s)
-        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s, coupling=coupling)
+        result = fit(record, command_unit=known.rig.command.unit, tick_s=known.tick_s)
         fault = why_no_basis(result, ALL)
         # Until there is a better fit, choose by the first one, from the calibration.
         basis = result if fault is None else known.actuator

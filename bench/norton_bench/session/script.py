@@ -98,8 +98,7 @@ class SoFar:
 
     def fit(self) -> FitResult:
         """The fit of all recorded data; takes seconds. Raises ExperimentError where nothing was measured yet."""
-        from norton_bench.identification.fit import fit  # noqa: PLC0415  (slow to import)
-        from norton_bench.identification.load import coupling_of  # noqa: PLC0415  (slow to import)
+        from norton_bench.identification.judged_fit import fit  # noqa: PLC0415  (slow to import)
 
         records = self.known.records
         if self._fitted is None or self._fitted_records != len(records):
@@ -107,8 +106,7 @@ class SoFar:
                 raise ExperimentError("nothing has been measured yet: run a step before you ask for its results")
             unit, tick_s = self.known.rig.command.unit, self.known.tick_s
             measured = join(records)
-            coupling = coupling_of(measured, tick_s)
-            self._fitted = fit(measured, command_unit=unit, tick_s=tick_s, coupling=coupling)
+            self._fitted = fit(measured, command_unit=unit, tick_s=tick_s)
             self._fitted_records = len(records)
         return self._fitted
 

@@ -9,7 +9,7 @@ import pytest
 
 from norton_bench.cli.app import main
 from norton_bench.errors import ExitCode
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.models.network import NortonNetwork
 from norton_bench.recording.reader import read_recording
 from norton_bench.recording.recorder import Recorder

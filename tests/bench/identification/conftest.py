@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from tests.bench.identification import synthetic
 from tests.bench.once import once
 

@@ -9,7 +9,7 @@ import pytest
 from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.bootstrap import DRAWS
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.load import fit_load
 from norton_bench.identification.motor_values import covariance_of, physical
 from norton_bench.identification.separable import solve

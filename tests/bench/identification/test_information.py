@@ -13,7 +13,7 @@ from norton_bench.identification.expansion import (
     noise_density_nm,
     vague,
 )
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import KNOWN
 from norton_bench.identification.signals import signals
 from norton_bench.models.network import NortonNetwork

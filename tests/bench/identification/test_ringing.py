@@ -10,7 +10,8 @@ from norton_bench.identification.bootstrap import Readings
 from norton_bench.identification.coupling import Coupling, Prior
 from norton_bench.identification.departures import departures
 from norton_bench.identification.expansion import Expansion
-from norton_bench.identification.fit import fit, result_of, solution_of
+from norton_bench.identification.fit import result_of, solution_of
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.loops import oscillator_with_contact
 from norton_bench.identification.model_error import folded_ringing

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.bootstrap import DRAWS
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.sessions import SessionFit, differing, together

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from norton_bench.identification import loops
 from norton_bench.identification.expansion import Excitation, planned_signals
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.separable import solve
 from norton_bench.identification.signals import FINE, signals
 from norton_bench.identification.turns import UNKNOWN_COUNTS, Turns, Whitening, is_new, strongest_period

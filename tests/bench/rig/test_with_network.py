@@ -8,8 +8,7 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.errors import UsageError
-from norton_bench.identification.fit import fit
-from norton_bench.identification.load import coupling_of
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import PHYSICAL
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Status
@@ -172,9 +171,7 @@ def session(_so_far):
 
 def fitted(rig, out, seed):
     measured = record_script(rig, session, out=out, seed=seed, live=False).measured
-    # As a session does: without the coupling, ringing that 500 Hz fold down would be taken for the amplifier's lag.
-    coupling = coupling_of(measured, rig.tick_s)
-    return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s, coupling=coupling)
+    return fit(measured, command_unit=rig.command.unit, tick_s=rig.tick_s)
 
 
 @pytest.mark.long

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.models.parameters import Estimate, Status
 from norton_bench.procedures.options import CalibrateOptions, FreeOptions, ImposedOptions, TareOptions
 from norton_bench.rig.load import parse_rig

@@ -10,7 +10,7 @@ import pytest
 from norton_bench.cli.tables import until_figures, until_sentences
 from norton_bench.errors import RigError, UsageError
 from norton_bench.events import Note, SessionEvent
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.models.parameters import Status
 from norton_bench.procedures import refine
 from norton_bench.procedures.excitations import travel_left_rad

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import RigError
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.options import STEPS as STEPS_OPTIONS
 from norton_bench.procedures.options import CalibrateOptions, ImposedOptions, TareOptions

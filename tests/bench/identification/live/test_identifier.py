@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.fit import fit
-from norton_bench.identification.judged_fit import changes
+from norton_bench.identification.judged_fit import changes, fit
 from norton_bench.identification.live import LATEST_S, LiveIdentifier
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use

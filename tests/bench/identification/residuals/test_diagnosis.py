@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.residual_tests import (
     MEMORY_LAGS,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from norton_bench.errors import ExperimentError
 from norton_bench.identification import bootstrap
 from norton_bench.identification.cleaning import NOTHING_FOUND, clean
-from norton_bench.identification.fit import fit
+from norton_bench.identification.judged_fit import fit
 from norton_bench.models.parameters import Status
 from tests.bench.identification import synthetic
 from tests.bench.identification.sanity import faulty
