@@ -156,10 +156,15 @@ LACKS |= dict.fromkeys(product((*SESSIONS, "in-situ"), ["sim-mit-velocity"]), "t
 SERVOS = ("sim-servo", "sim-mit-velocity")
 LACKS |= dict.fromkeys(product(["quick"], SERVOS), "'imposed' asks for 20 rad/s")
 LACKS |= dict.fromkeys(product(TABULATE, SERVOS), "")
-EVERY = (*SESSIONS, "in-situ", *TABULATE)
+BODY = "virtual-body"
+LACKS |= dict.fromkeys(product([BODY], [*WITH_LOAD, *BY_TABLES]), "")
+LACKS |= {(BODY, "sim-free-shaft"): "'calibrate' needs a load drive"}
+LACKS |= {(BODY, "sim-in-situ"): "'calibrate' needs a torque sensor"}
+LACKS |= dict.fromkeys(product([BODY], SERVOS), "'render' is for a motor")
+EVERY = (*SESSIONS, "in-situ", *TABULATE, BODY)
 LACKS |= {(session, "sim-dynamixel-servo"): LACKS[session, "sim-servo"] for session in EVERY}
 GEARED = ("sim-dynamixel", "sim-feetech")
-LACKS |= dict.fromkeys(product(("in-situ", "refine", "zero-torque", *TABULATE), GEARED), "")
+LACKS |= dict.fromkeys(product(("in-situ", "refine", "zero-torque", *TABULATE, BODY), GEARED), "")
 LACKS |= dict.fromkeys(product(("characterise", "quick"), GEARED), "'imposed' asks for [24]0 rad/s")
 LACKS |= {(session, "sim-dynamixel-alone"): "needs a load drive" for session in EVERY}
 

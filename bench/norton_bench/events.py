@@ -104,8 +104,9 @@ class Ended:
 
     Files and figures are given as far as the session came. ``torque_relative`` is the rms error of the predicted torque
     over the rms of the torque, under motion and command that no fit has seen; ``velocity_relative`` the same for the
-    free motion; None where nothing was validated. ``trials`` are the results of repeated movements; ``tables`` are
-    source and impedance as tabulated; ``conditions`` say whether measurements at the port determine the network.
+    free motion; None where nothing was validated. ``trials`` are the results of repeated movements and
+    the laws that were rendered; ``tables`` are source and impedance as tabulated; ``conditions`` say whether
+    measurements at the port determine the network.
     """
 
     exit_code: ExitCode

@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # what produces them is slow to import
     from norton_bench.identification.ladder import Rung
     from norton_bench.identification.model_error import ModelError
     from norton_bench.identification.modulation import ModulatorPlaces
+    from norton_bench.identification.rendered import Rendered
     from norton_bench.identification.residual_tests import ResidualTests
     from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Validation
     from norton_bench.identification.source_table import SourceTable
@@ -58,6 +59,7 @@ class Result:
     conditions: "Sequence[Condition]" = ()
     ladder: "Sequence[Rung]" = ()
     trials: "Sequence[TrialFigures]" = ()
+    rendered: "Sequence[Rendered]" = ()
     in_situ: "InSituResult | None" = None
     expectations: Sequence[ExpectationResult] = ()
     network_file: Path | None = None
@@ -82,9 +84,9 @@ class Result:
         return any(part is not None for part in (self.source, self.exertion, self.modulator))
 
     @property
-    def repeated(self) -> bool:
-        """Whether it has the trials of a repeated movement."""
-        return bool(self.trials) or self.in_situ is not None
+    def has_sentences(self) -> bool:
+        """Whether it has what is told in sentences: the trials of a repeated movement, or laws that were rendered."""
+        return bool(self.trials) or bool(self.rendered) or self.in_situ is not None
 
     @property
     def empty(self) -> bool:

@@ -33,6 +33,11 @@ class Admittance:
     stiffness_nm_rad: float = 0.0
     rigid: bool = False
 
+    @property
+    def has_body(self) -> bool:
+        """Whether it is neither of its two ends: a virtual body moves by it, which the load follows."""
+        return not self.rigid and (self.mass_kgm2, self.damping_nms_rad, self.stiffness_nm_rad) != (0.0, 0.0, 0.0)
+
 
 ZERO_TORQUE = Admittance()
 PRESCRIBED_MOTION = Admittance(rigid=True)

@@ -25,12 +25,13 @@ from norton_bench.records import FOR_PROGRAMS, Measured
 from norton_bench.report.figures_network import bench_time_s
 from norton_bench.report.words import parameter_named
 from norton_bench.result import Result
-from norton_bench.session.conclusion import of_trials
+from norton_bench.session.conclusion import in_sentences
 
 # Of steps that few sessions have.
 tables_data = deferred("norton_bench.cli.tables:tables_data")
 tables_view = deferred("norton_bench.cli.tables:tables_view")
 trials_figures = deferred("norton_bench.cli.tables:trials_figures")
+rendered_figures = deferred("norton_bench.cli.tables:rendered_figures")
 in_situ_figures = deferred("norton_bench.cli.tables:in_situ_figures")
 NO_TABLES: dict[str, Any] = {"source": None, "exertion": None, "two_ports": [], "modulation": None, "modulator": None}
 
@@ -51,6 +52,7 @@ def identification(result: Result) -> dict[str, Any]:
         },
         "ladder": [rung_figures(rung) for rung in result.ladder],
         "trials": trials_figures(result.trials) if result.trials else None,
+        "rendered": [rendered_figures(each) for each in result.rendered],
         "in_situ": None if result.in_situ is None else in_situ_figures(result.in_situ, result.motion_file),
         "verdict": list(fit.verdict) if fit else [],
         "converged": bool(fit and fit.converged),
@@ -164,7 +166,7 @@ def summary(result: Result) -> RenderableType:
         parts.append(validation_sentence(result.validation))
     if result.model_error is not None:
         parts.append(prediction_sentence(result.model_error.prediction, result.units.command))
-    parts += of_trials(result) if result.repeated else ()
+    parts += in_sentences(result) if result.has_sentences else ()
     parts += tables_view(result) if result.tabulated else ()
     files = (
         ("recording", result.recording),

@@ -12,6 +12,7 @@ from norton_bench.identification.averages import Branch, Mean, Setting
 from norton_bench.identification.exertion_table import ExertionTable, Shaken
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
+from norton_bench.identification.rendered import Rendered
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
@@ -168,6 +169,19 @@ def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any]:
         "torque_nm": [trial.torque_nm for trial in trials],
         "with_noise_nm": [trial.with_noise_nm for trial in trials],
         "noise_nm": [trial.noise_nm for trial in trials],
+    }
+
+
+def rendered_figures(result: Rendered) -> dict[str, Any]:
+    """A law that the load rendered: as asked for, as measured, and what of the port's torque neither explains."""
+    names = ("mass_kgm2", "damping_nms_rad", "stiffness_nm_rad")
+    return {
+        "asked": dict(zip(names, result.wanted, strict=True)),
+        "measured": dict(zip(names, result.measured, strict=True)),
+        "half_interval": dict(zip(names, result.half, strict=True)),
+        "torque_nm": result.torque_nm,
+        "off_nm": result.off_nm,
+        "left_nm": result.left_nm,
     }
 
 

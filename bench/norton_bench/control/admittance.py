@@ -2,10 +2,11 @@
 
     M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
 
-Zero torque and prescribed motion are its two ends. See ``docs/control.md``.
+Zero torque and prescribed motion are its two ends; what lies between must be one of the laws that the bench can render
+(:mod:`norton_bench.control.rendering`). See ``docs/control.md``.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import exp, floor, nan
 
@@ -16,13 +17,11 @@ from norton_bench.control import core
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import TorqueGains, Tracking, design_torque_loop, design_tracking
 from norton_bench.control.observer import FREE_RATE, Estimator
-from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY
+from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY, Regulator
 from norton_bench.control.torque_loop import Anticipation, TorqueLoop, design_anticipation, settles_s
 from norton_bench.sample import Sample, Target
-from norton_bench.segments import PRESCRIBED_MOTION, ZERO_TORQUE, Admittance
+from norton_bench.segments import ZERO_TORQUE, Admittance
 
-# The lightest virtual body that the load can act, over its own inertia; zero torque is another matter (no body at all).
-LEAST_MASS = 1.0
 # Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
 SLIDING_LENGTHS = 30.0
 PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
@@ -97,13 +96,13 @@ class AdmittanceController:
         ``leads``: under zero torque the reference is the free motion, foreseen. It may ask for another torque at once,
         where the actuator's command jumps: by what was fed forward along such a reference before, or by what a shaft
         takes that turns at the velocity with which it begins.
+        A law with a body of its own is taken as it is: `rendering.require_rendered` says whether it is stable.
         ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
         allow.
         """
         self._goes_on, self._leads = leads and self._leads and self._deciding, leads
-        if admittance not in (ZERO_TORQUE, PRESCRIBED_MOTION):
-            mass = max(admittance.mass_kgm2, LEAST_MASS * self.calibration.inertia_kgm2)
-            self._body = VirtualBody(replace(admittance, mass_kgm2=mass), self.tick_s)
+        if admittance.has_body:
+            self._body = VirtualBody(admittance, self.tick_s)
         self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
         self._choose(self._anticipation if self._frees and not leads else None)
         if mends_rad_s is not None:
@@ -188,30 +187,19 @@ class AdmittanceController:
     def _track(self, target: Target, ahead: Target, begins: bool) -> float:
         if begins:
             self._reference.begin(ahead, self._estimator.contact_nm)
-        seen, feed, reference, gains = self._estimator, self._feed, self._reference, self._regulator
-        wish_nm: float = core.track(
+        seen = self._estimator
+        return followed(
             seen.states,
             seen.contact,
             seen.commands,
-            feed.shares,
-            feed.delivered,
-            feed.lag,
-            reference.path,
             seen.friction_law,
-            gains.on_state,
-            gains.on_commands,
-            PLACES,
-            reference.inertia_kgm2,
-            reference.between,
-            self.tick_s,
-            target.position_rad,
-            target.velocity_rad_s,
-            target.acceleration_rad_s2,
-            ahead.velocity_rad_s,
-            ahead.acceleration_rad_s2,
-            begins,
+            self._feed,
+            self._reference,
+            self._regulator,
+            target,
+            ahead,
+            begins=begins,
         )
-        return wish_nm
 
     def _follow_body(self, target: Target, begins: bool) -> float:
         if begins:
@@ -277,6 +265,48 @@ class Reference:
     def begin(self, ahead: Target, contact_nm: float) -> None:
         """The contact starts out as the load's own."""
         self.path[:] = contact_nm, ahead.velocity_rad_s, ahead.acceleration_rad_s2
+
+
+def followed(
+    states: FloatArray,
+    contact: FloatArray,
+    commands: FloatArray,
+    friction_law: FloatArray,
+    feed: "FeedForward",
+    reference: Reference,
+    regulator: Regulator,
+    target: Target,
+    ahead: Target,
+    *,
+    begins: bool = False,
+) -> float:
+    """The load torque [N m] that follows ``target``: what is fed forward, less what the deviations ask for.
+
+    ``states``, ``contact``, ``commands`` and ``friction_law`` as :class:`Estimator` has them.
+    """
+    wish_nm: float = core.track(
+        states,
+        contact,
+        commands,
+        feed.shares,
+        feed.delivered,
+        feed.lag,
+        reference.path,
+        friction_law,
+        regulator.on_state,
+        regulator.on_commands,
+        PLACES,
+        reference.inertia_kgm2,
+        reference.between,
+        feed.tick_s,
+        target.position_rad,
+        target.velocity_rad_s,
+        target.acceleration_rad_s2,
+        ahead.velocity_rad_s,
+        ahead.acceleration_rad_s2,
+        begins,
+    )
+    return wish_nm
 
 
 def continued(target: Target, before: Target, ticks: int, tick_s: float) -> Target:

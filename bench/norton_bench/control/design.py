@@ -74,7 +74,7 @@ class Tracking:
 def nominal_bench(calibration: LoadCalibration, tick_s: float) -> SampledBench:
     """The bench as calibrated; readings are half a tick old on average when a tick sees them."""
     c = calibration
-    low, high = _inertias(c)
+    low, high = actuator_inertias(c)
     return SampledBench(
         gain=c.torque_gain,
         bandwidth_rad_s=c.amplifier_bandwidth_rad_s,
@@ -289,7 +289,8 @@ def past_ticks(calibration: LoadCalibration, tick_s: float) -> int:
     return ceil(max(calibration.torque_delay_s, calibration.position_delay_s) / tick_s) + 2
 
 
-def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
+def actuator_inertias(calibration: LoadCalibration) -> tuple[float, float]:
+    """The least and the greatest that the actuator's may be [kg m²]."""
     estimate = calibration.actuator_inertia_kgm2
     base, (low, high) = (
         (calibration.inertia_kgm2, UNKNOWN_INERTIA) if estimate is None else (estimate, ESTIMATED_INERTIA)
@@ -299,7 +300,7 @@ def _inertias(calibration: LoadCalibration) -> tuple[float, float]:
 
 def _likely_inertias(calibration: LoadCalibration, bench: SampledBench) -> tuple[float, float, float]:
     """The actuator's: lightest, heaviest, nominal."""
-    return (*_inertias(calibration), bench.actuator_inertia_kgm2)
+    return (*actuator_inertias(calibration), bench.actuator_inertia_kgm2)
 
 
 def of_inertias(bench: SampledBench, actuator_kgm2: Iterable[float], tick_s: float) -> Iterator[SampledBench]:

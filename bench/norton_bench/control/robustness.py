@@ -48,9 +48,14 @@ class Control:
 
 def margins(bench: SampledBench, control: Control, tick_s: float) -> Margins:
     """Margins of a controller on ``bench``, with the loop broken at the load's command."""
-    loop = np.sum(_bench_response(bench.with_damping(LEAST_DAMPING), tick_s) * _control_response(control), axis=1)
+    loop = np.sum(_bench_response(bench.with_damping(LEAST_DAMPING), tick_s) * control_response(control), axis=1)
+    return Margins(abs(slowest_pole(bench, control, tick_s)), float(np.max(1 / np.abs(1 - loop))))
+
+
+def slowest_pole(bench: SampledBench, control: Control, tick_s: float) -> complex:
+    """The pole of the closed loop with the greatest radius: beyond 1 what it belongs to grows from tick to tick."""
     poles = np.linalg.eigvals(_closed_loop(bench, control, tick_s))
-    return Margins(float(np.max(np.abs(poles))), float(np.max(1 / np.abs(1 - loop))))
+    return complex(poles[np.argmax(np.abs(poles))])
 
 
 @lru_cache(maxsize=256)
@@ -61,7 +66,7 @@ def _bench_response(bench: SampledBench, tick_s: float) -> ComplexArray:
 
 
 @lru_cache(maxsize=4)
-def _control_response(control: Control) -> ComplexArray:
+def control_response(control: Control) -> ComplexArray:
     """From readings to wish at FREQUENCIES, (n, 3)."""
     return np.asarray(control.direct + control.wish @ _resolved(control.step, control.entry))
 

@@ -34,7 +34,8 @@ DOUBTS = (4.0, 8.0, 16.0, 32.0, 64.0)  # deviation taken for the encoders, in co
 # Peak sensitivity allowed, at the load's command, on every bench considered.
 SENSITIVITY = 4.0
 INERTIA_ERRORS = (1.0, 0.9, 1.1)
-KNOWN_TORQUE = WIDTH + 2  # where an observer's step takes the known torque on the load
+# Where an observer's step takes the known torque on the load, and the known part of the free acceleration.
+KNOWN_TORQUE, KNOWN_FREE = WIDTH + 2, WIDTH + 3
 
 
 # Zero torque by an observer that knows the actuator's friction: what the free motion needs is foreseen over the
@@ -122,19 +123,15 @@ class _Laws:
         load[VELOCITY] = c.presliding_damping_nms_rad + c.viscous_damping_nms_rad
         actuator[POSITION] = f.presliding_stiffness_nm_rad
         actuator[VELOCITY] = f.presliding_damping_nms_rad + f.viscous_damping_nms_rad
-        step, middle = observer.step.copy(), np.zeros(WIDTH)
-        middle[VELOCITY] = 0.5 * self.tick_s  # known friction is its mean over the tick
-        over_load = load + c.presliding_stiffness_nm_rad * middle
-        over_actuator = actuator + f.presliding_stiffness_nm_rad * middle
-        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE], over_load)
-        step[:, :WIDTH] -= np.outer(step[:, KNOWN_TORQUE + 1], over_actuator) / self.inertia_kgm2
+        knowing = with_contact(observer, KNOWN_TORQUE, load, self.tick_s)
+        knowing = with_contact(knowing, KNOWN_FREE, actuator / self.inertia_kgm2, self.tick_s)
         places = [POSITION, VELOCITY, FREE, FREE_RATE]
         free = np.zeros((4, 4))  # how the free actuator moves
         free[0, 1] = free[2, 3] = 1.0
         free[1] = np.array([0.0, 0.0, 1.0, 0.0]) - actuator[places] / self.inertia_kgm2
         row = np.zeros(WIDTH)
         row[places] = (c.inertia_kgm2 * free[1] + load[places]) @ expm(free * self.lead_s)
-        return self._control(replace(observer, step=step), row)
+        return self._control(knowing, row)
 
     def _control(self, observer: Observer, row: FloatArray) -> Control:
         """u += P Δτ + I T τ + Δs, where s makes the amplifier deliver ``row`` · state."""
@@ -171,6 +168,16 @@ class _Laws:
             load_damper_nms_rad=c.presliding_damping_nms_rad,
         )
         return miscalibrated(stuck, self.tick_s)
+
+
+def with_contact(observer: Observer, known: int, contact: FloatArray, tick_s: float) -> Observer:
+    """The observer while a friction that it knows sticks: what it takes for known, at ``known`` of its inputs, is a
+    spring and a damper on its own state, ``contact`` (WIDTH,)."""
+    over_tick = contact.copy()
+    over_tick[VELOCITY] += 0.5 * tick_s * contact[POSITION]  # known friction is its mean over the tick
+    step = observer.step.copy()
+    step[:, :WIDTH] -= np.outer(step[:, known], over_tick)
+    return replace(observer, step=step)
 
 
 # A shaft that moves is taken to have been moving so for this long.

@@ -33,6 +33,8 @@ CATALOGUE: Mapping[str, ProcedureEntry] = {
     # Chosen from a first fit, which needs data.
     "refine": _entry("refine:RefineProcedure", after=("calibrate", "imposed")),
     "iterate_zero_torque": _entry("iterate:IterateProcedure", after=("calibrate", "free")),
+    # Its command is one that was tried on the free shaft.
+    "render": _entry("render:RenderProcedure", after=("calibrate", "free")),
     "in_situ": _entry("in_situ:InSituProcedure", after=("tare",)),
     "rest": _entry("tare:RestProcedure"),
     "tabulate_source": _entry("tabulate_source:TabulateSourceProcedure", after=("calibrate",)),

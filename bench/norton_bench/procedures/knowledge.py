@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.rendering import require_rendered
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import Runner
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import Segment
+from norton_bench.segments import LoadMode, Segment
 
 if TYPE_CHECKING:
     from norton_bench.procedures.learning import InSitu, Iteration
@@ -191,9 +192,16 @@ def as_it_is(segment: Segment, _position_rad: float | None, _velocity_rad_s: flo
 def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: Foresight = as_it_is) -> Knowledge:
     """Run one procedure with the drives enabled; then, with the drives idle, evaluate it.
 
-    Raises SafetyStopError, OperatorStopError, DeviceError, ExperimentError; the drives are idle then, too.
+    A law that the bench cannot render is refused. Raises SafetyStopError, OperatorStopError, DeviceError,
+    ExperimentError; the drives are idle then, too.
     """
-    record = join(list(follow(procedure.plan(known), loop, foresee)))
+
+    def allowed(segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
+        if segment.mode is LoadMode.ADMITTANCE and segment.admittance.has_body and known.calibration is not None:
+            require_rendered(known.calibration, known.tick_s, segment.admittance)
+        return foresee(segment, position_rad, velocity_rad_s, command)
+
+    record = join(list(follow(procedure.plan(known), loop, allowed)))
     return replace(procedure.conclude(known, record), records=(*known.records, record))
 
 

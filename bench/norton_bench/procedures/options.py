@@ -47,6 +47,7 @@ Radians = Annotated[float, _quantity("rad")]
 RadiansPerSecond = Annotated[float, _quantity("rad/s")]
 Damping = Annotated[float, _quantity("N*m*s/rad")]
 Inertia = Annotated[float, _quantity("kg*m^2")]
+Stiffness = Annotated[float, _quantity("N*m/rad")]
 Fraction = Annotated[float, _quantity("")]
 Texts = BeforeValidator(_texts)
 
@@ -127,6 +128,21 @@ class IterateOptions(Options):
     seed: int = Field(5, ge=0, examples=[5])
 
 
+class RenderOptions(Options):
+    """A virtual body at the port: M dv/dt + B v + K (x − x_ref) = τ_port, from where the shaft stands.
+
+    All three zero is zero torque. The actuator's command is a multisine up to ``highest_hz`` that fills the share
+    ``amplitude`` of the free command span.
+    """
+
+    mass_kgm2: Inertia = Field(0.0, alias="mass", ge=0, examples=["0 kg*m^2"])
+    damping_nms_rad: Damping = Field(0.0, alias="damping", ge=0, examples=["0 N*m*s/rad"])
+    stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["0 N*m/rad"])
+    amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
+    duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
+    highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
+
+
 class InSituOptions(Options):
     """One repeated movement while the actuator stays assembled to its load; no torque sensor is used.
 
@@ -202,6 +218,7 @@ STEPS: Mapping[str, type[Options]] = {
     "imposed": ImposedOptions,
     "refine": RefineOptions,
     "iterate_zero_torque": IterateOptions,
+    "render": RenderOptions,
     "in_situ": InSituOptions,
     "rest": RestOptions,
     "tabulate_source": TabulateSourceOptions,

@@ -7,6 +7,7 @@ from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
+from norton_bench.identification.rendered import Rendered
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import PortsRow, two_ports
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
@@ -162,8 +163,9 @@ def modulator_facts(places: ModulatorPlaces, units: Units) -> Facts:
     return Facts(head, rows)
 
 
-def of_trials(result: Result) -> Iterator[str]:
-    """The results of repeated movements, in sentences."""
+def in_sentences(result: Result) -> Iterator[str]:
+    """The results of repeated movements, and the laws that were rendered."""
+    yield from map(rendered_sentence, result.rendered)
     if result.in_situ is not None and result.in_situ.trials:
         yield in_situ_sentence(result.in_situ)
     if result.trials:
@@ -179,6 +181,43 @@ def tabulated(result: Result) -> tuple[Facts, ...]:
         tables.append(line_facts(result.exertion, result.units))
     rows = two_ports(result.source, result.exertion)
     return (*tables, ports_facts(rows, result.units)) if rows else tuple(tables)
+
+
+# What a law consists of, with its unit as it is shown, and how many of those are one in SI.
+LAW_PARTS = (("mass", "g·m²", 1e3), ("damping", "mN·m·s/rad", 1e3), ("stiffness", "N·m/rad", 1.0))
+
+
+def rendered_facts(results: Sequence[Rendered]) -> Facts:
+    """A row for each law: as measured, and in brackets as it was asked for."""
+    head = (*(f"{name} [{unit}]" for name, unit, _ in LAW_PARTS), "port torque [mN·m]", "unexplained [mN·m]")
+    rows = tuple(
+        (
+            *(
+                f"{within(factor * value, factor * half)} ({number(factor * asked, 3)})"
+                for (_, _, factor), asked, value, half in _law(result)
+            ),
+            number(1e3 * result.torque_nm, 3),
+            number(1e3 * result.off_nm, 2),
+        )
+        for result in results
+    )
+    return Facts(head, rows)
+
+
+def rendered_sentence(result: Rendered) -> str:
+    """A law that was rendered, in one sentence."""
+    parts = [
+        f"{name} {within(factor * value, factor * half)} {unit} ({number(factor * asked, 3)} asked for)"
+        for (name, unit, factor), asked, value, half in _law(result)
+    ]
+    return (
+        f"Rendered: {', '.join(parts)}; of {1e3 * result.torque_nm:.2g} mN·m rms at the port the law asked for leaves "
+        f"{1e3 * result.off_nm:.2g} unexplained."
+    )
+
+
+def _law(result: Rendered) -> Iterator[tuple[tuple[str, str, float], float, float, float]]:
+    return zip(LAW_PARTS, result.wanted, result.measured, result.half, strict=True)
 
 
 def in_situ_sentence(result: InSituResult) -> str:

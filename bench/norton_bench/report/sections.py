@@ -309,6 +309,7 @@ MAKERS: tuple[Callable[[Result], Section | None], ...] = (
     friction_section,
     blocked_section,
     _of_steps("trials_section", "trials"),
+    _of_steps("rendered_section", "rendered"),
     _of_steps("in_situ_section", "in_situ"),
     live_section,
     timing_section,

@@ -14,6 +14,7 @@ from norton_bench.report.facts_tables import (
     modulator_facts,
     modulator_sentence,
     ports_facts,
+    rendered_facts,
     source_facts,
     stiffness_facts,
 )
@@ -148,6 +149,18 @@ def trials_section(data: Result) -> Section | None:
     sentences = (_ending(data.trials, "noise hides what is left"),)
     table = _table(data.trials, "noise in it [mN·m]")
     return Section("trials", "Zero torque, trial by trial", sentences, (drawn,), (table,))
+
+
+def rendered_section(data: Result) -> Section | None:
+    """The laws that the load rendered."""
+    if not data.rendered:
+        return None
+    sentences = (
+        "The load acted a virtual body, M dv/dt + B v + K (x − x₀) = τ, while the actuator pushed. The law is measured "
+        f"by the torque and the load's motion at the port, below {TAUGHT_HZ:g} Hz, with 95 % intervals.",
+        "In brackets: what was asked for. Unexplained is what that leaves of the torque at the port, rms.",
+    )
+    return Section("rendered", "Virtual bodies", sentences, tables=(rendered_facts(data.rendered),))
 
 
 def in_situ_section(data: Result) -> Section | None:

@@ -45,10 +45,11 @@ exertion_table = deferred("norton_bench.identification.exertion_table:exertion_t
 modulator_places = deferred("norton_bench.identification.modulation:modulator_places")
 tabulated_conditions = deferred("norton_bench.identification.table_conditions:tabulated_conditions")
 trials = deferred("norton_bench.identification.trials:trials")
+rendered = deferred("norton_bench.identification.rendered:rendered")
 in_situ_result = deferred("norton_bench.identification.in_situ:in_situ_result")
-of_trials = deferred("norton_bench.report.facts_tables:of_trials")
+in_sentences = deferred("norton_bench.report.facts_tables:in_sentences")
 tabulated = deferred("norton_bench.report.facts_tables:tabulated")
-ITERATED = "iterate_zero_torque"
+ITERATED, RENDER = "iterate_zero_torque", "render"
 VERDICT = "verdict"  # in the provenance of a network
 # Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"
@@ -114,6 +115,7 @@ def _identified(result: Result, measured: Measured, network_file: Path, on_stage
         exertion=_of_step("tabulate_impedance", partial(exertion_table, tick_s=tick_s), cleaned),
         modulator=_where_measured(modulator_places, cleaned) if len(cleaned.modulator_motion) else None,
         trials=trials(measured, tick_s, ITERATED) if _had(ITERATED, measured) else (),
+        rendered=rendered(measured, tick_s) if _had(RENDER, measured) else (),
     )
     if result.metadata.get("model") == NO_MODEL:
         verdicts = tabulated_conditions(result.source, result.exertion)
@@ -264,7 +266,7 @@ def ended(result: Result) -> Ended:
         torque_relative=None if checked is None else _finite(checked.torque_relative),
         velocity_relative=None if checked is None else _finite(checked.velocity_relative),
         expectations=tuple(result.expectations),
-        trials=tuple(of_trials(result)) if result.repeated else (),
+        trials=tuple(in_sentences(result)) if result.has_sentences else (),
         tables=tabulated(result) if result.tabulated else (),
         conditions=tuple(map(str, result.conditions)),
     )

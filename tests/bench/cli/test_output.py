@@ -17,12 +17,14 @@ from norton_bench.cli.results import identification, parameter_table, summary, w
 from norton_bench.identification.departures import STRIBECK, Departure
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.model_error import ModelError, Zero
+from norton_bench.identification.rendered import Rendered
 from norton_bench.identification.results import FitResult, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import Estimate, PredictionError, Status
-from norton_bench.report.facts_tables import in_situ_sentence, trials_sentence
+from norton_bench.report.facts_tables import in_situ_sentence, rendered_sentence, trials_sentence
 from norton_bench.result import Result
+from norton_bench.segments import Admittance
 
 TRACE = Trace(np.zeros(1), np.zeros(1), np.zeros(1), "N*m")
 VALIDATION = Validation(1.5e-3, 0.012, 0.2, 0.034, TRACE, TRACE, 0.05)
@@ -123,6 +125,19 @@ def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
     assert "0.30 mN·m at the port, at least 36 dB below the undriven load" in said
     assert said.endswith("noise hides what is left.")
     assert trials_sentence(trials[:2]).endswith("not converged.")
+
+
+def test_a_rendered_law_has_its_figures_and_a_sentence() -> None:
+    law = Rendered(Admittance(5e-4, 2e-2), (4.9e-4, 2.04e-2, 1e-3), (2e-5, 3e-4, 2e-3), 1.2e-2, 1.1e-3, 8e-4)
+    (data,) = identification(Result("sim", rendered=(law,)))["rendered"]
+    assert data["asked"] == {"mass_kgm2": 5e-4, "damping_nms_rad": 2e-2, "stiffness_nm_rad": 0.0}
+    assert data["measured"]["damping_nms_rad"] == 2.04e-2
+    assert data["half_interval"]["mass_kgm2"] == 2e-5
+    assert (data["torque_nm"], data["off_nm"], data["left_nm"]) == (1.2e-2, 1.1e-3, 8e-4)
+    assert rendered_sentence(law) == (
+        "Rendered: mass 0.49 ± 0.02 g·m² (0.500 asked for), damping 20.4 ± 0.3 mN·m·s/rad (20.0 asked for), stiffness "
+        "0.001 ± 0.002 N·m/rad (0 asked for); of 12 mN·m rms at the port the law asked for leaves 1.1 unexplained."
+    )
 
 
 def test_an_assembled_actuator_has_its_trials_and_the_file_of_its_source() -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from norton_bench.control.admittance import LEAST_MASS
 from norton_bench.control.preview import with_preview
 from norton_bench.procedures.waves import Motion, hold, multisine_motion, velocity_steps
 from norton_bench.sample import Target
@@ -150,13 +149,6 @@ def _port_torque(settings: PlantSettings, command: np.ndarray, law: Admittance) 
         torque.append(settings.stiffness * twist + settings.damping * slip)
         plant.step(value, wish)
     return np.array(torque)
-
-
-def test_a_law_lighter_than_the_load_can_act_gets_the_lightest_body_it_can() -> None:
-    settings = PlantSettings()
-    plant, controller = warmed_up(settings, calibrated(settings))
-    controller.begin(plant.sample(), Admittance(damping_nms_rad=1e-3))
-    assert controller._body.admittance.mass_kgm2 == LEAST_MASS * calibrated(settings).inertia_kgm2
 
 
 @pytest.mark.parametrize("admittance", [ZERO_TORQUE, PRESCRIBED_MOTION])

@@ -11,6 +11,7 @@ from norton_bench.identification.friction_laws import model
 from norton_bench.identification.impedance_table import ImpedanceTable
 from norton_bench.identification.in_situ import InSituResult, SourceMotion
 from norton_bench.identification.ladder import Rung
+from norton_bench.identification.rendered import Rendered
 from norton_bench.identification.residual_tests import Dependence, Harmonic, Memory, ResidualTests
 from norton_bench.identification.results import BlockedMap, FitResult, LiveEstimate, SourceMap, Trace, Validation
 from norton_bench.identification.trials import TrialFigures
@@ -19,13 +20,14 @@ from norton_bench.models.network import NortonNetwork
 from norton_bench.models.parameters import PARAMETERS, Estimate, Status
 from norton_bench.records import MOTION, TICK, TORQUE, Event, Measured, SegmentInfo
 from norton_bench.result import Result
-from norton_bench.segments import Use
+from norton_bench.segments import Admittance, Use
 
 TICK_S = 1e-3
 START_NS = 5_000_000_000
 GAIN, DAMPING, COULOMB, STIFFNESS, INERTIA = 0.9, 1e-3, 0.02, 10.0, 5e-5
 VALUES = (GAIN, 600.0, INERTIA, DAMPING, COULOMB, STIFFNESS, 0.01)
 TRIALS = tuple(TrialFigures(n, torque, 2.9e-4, 1.5e-4) for n, torque in enumerate((1e-2, 4e-4, 3e-4, 3e-4, 3e-4), 1))
+LAW_RENDERED = Rendered(Admittance(5e-4, 2e-2), (4.9e-4, 2.04e-2, 1e-3), (2e-5, 3e-4, 2e-3), 1.2e-2, 1.1e-3, 8e-4)
 IN_SITU = InSituResult(
     tuple(
         TrialFigures(n, torque, 1e-4, 1e-4, driven=torque < 1e-3)
@@ -250,6 +252,7 @@ def full() -> Result:
             rung("lugre", 0.0099, 0.00996, 1.9e-4, converged=False),
         ),
         trials=TRIALS,
+        rendered=(LAW_RENDERED,),
         in_situ=IN_SITU,
         live=live,
         measured=measured_from(velocity, command, torque, names),

@@ -1,0 +1,296 @@
+"""Which laws a bench can render: whether the load is stable that acts a virtual body, and how passive its port is.
+
+    M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
+
+A law is tried as it runs: the code that turns an estimate into a command is asked what it makes of every number that it
+depends upon, and the answers are the matrix of a linear controller. Poles of the closed loop are computed with the
+delays and the sampling of the bench, on every bench that the calibration may mean.
+
+The other certificate holds for any actuator: the impedance that the port shows, Z = τ/ω, has a negative real part at
+some frequencies, because the load follows its body late. With an actuator that is passive and has at least that much
+damping of its own, the bench is stable (Colgate and Hogan, International Journal of Control 48, 1988).
+"""
+
+from cmath import phase
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import chain
+from math import floor, inf, log, nan, pi
+
+import numpy as np
+
+from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.control.admittance import FeedForward, Reference, VirtualBody, followed
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.design import (
+    Tracking,
+    design_tracking,
+    miscalibrated,
+    nominal_bench,
+    sliding_benches,
+    sticking_benches,
+    unevenly_read,
+    walls,
+)
+from norton_bench.control.observer import WIDTH
+from norton_bench.control.regulator import POSITION, TWIST, TWIST_RATE, VELOCITY, SampledBench
+from norton_bench.control.robustness import (
+    DRIFT,
+    FREQUENCIES,
+    Control,
+    control_response,
+    corrected,
+    observing,
+    sizes,
+    slowest_pole,
+)
+from norton_bench.control.torque_loop import KNOWN_TORQUE, with_contact
+from norton_bench.errors import ExperimentError
+from norton_bench.sample import Target
+from norton_bench.segments import Admittance
+
+# The nearest law that can be rendered is looked for in so many steps of so much: over a factor of 1000.
+STEP, STEPS = 1.2, 40
+COARSE_STEPS = 10
+# A contact that sticks is a spring up to this torque [N m]: as good as always.
+NEVER_SLIDES_NM = 1e4
+BODY, PATH, FEED = 2, 3, 2  # what the running law remembers beside its shares
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """What a law comes to on a bench.
+
+    ``unstable`` names on what it is not stable, ``swings_hz`` the frequency that grows there; empty and NaN where it
+    can be rendered. ``lacking_nms_rad`` is the least damping that a passive actuator must have to be stable on this
+    port, whatever else it is; ``lacking_hz`` the frequency that asks for it. Both are NaN for a law that cannot be
+    rendered.
+    """
+
+    law: Admittance
+    unstable: str = ""
+    swings_hz: float = nan
+    lacking_nms_rad: float = nan
+    lacking_hz: float = nan
+
+
+@lru_cache(maxsize=64)
+def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
+    """The certificate of a law with a body of its own. Raises ExperimentError where no feedback follows any motion."""
+    laws = _Laws(calibration, _tracking(calibration, tick_s), law, tick_s)
+    for name, pole in laws.slowest_poles():
+        if abs(pole) >= 1.0 + DRIFT:
+            return Rendering(law, name, abs(phase(pole)) / (2 * pi * tick_s))
+    lacking = laws.lacking_nms_rad()
+    at = int(np.argmax(lacking))
+    hz = float(FREQUENCIES[at]) / (2 * pi * tick_s)
+    return Rendering(law, lacking_nms_rad=max(float(lacking[at]), 0.0), lacking_hz=hz)
+
+
+def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
+    """The certificate. Raises ExperimentError, with the nearest laws that can be rendered, where this one cannot."""
+    result = rendering(calibration, tick_s, law)
+    if not result.unstable:
+        return result
+    raise ExperimentError(
+        f"this bench cannot render {in_words(law)}: with {result.unstable} the load would swing at "
+        f"{result.swings_hz:.2g} Hz and not come to rest; {_nearest(calibration, tick_s, law)}"
+    )
+
+
+def in_words(law: Admittance) -> str:
+    """The law with its units; what is zero is left out."""
+    parts = [
+        f"{value:.3g} {unit} of {name}"
+        for name, value, unit in (
+            ("mass", law.mass_kgm2, "kg*m^2"),
+            ("damping", law.damping_nms_rad, "N*m*s/rad"),
+            ("stiffness", law.stiffness_nm_rad, "N*m/rad"),
+        )
+        if value
+    ]
+    return ", ".join(parts) if parts else "zero torque"
+
+
+def body_control(
+    calibration: LoadCalibration, tracking: Tracking, law: Admittance, tick_s: float, *, sticks: bool = False
+) -> Control:
+    """Observer, virtual body and regulator as one linear controller; ``sticks``: the load's friction is a spring."""
+    observer, contact = tracking.observer, np.zeros(WIDTH)
+    if sticks:
+        contact[POSITION] = calibration.presliding_stiffness_nm_rad
+        contact[VELOCITY] = calibration.presliding_damping_nms_rad + calibration.viscous_damping_nms_rad
+        observer = with_contact(observer, KNOWN_TORQUE, contact, tick_s)
+    running = _Running(calibration, tracking, law, tick_s, contact).matrix()
+    body, commands = sizes(observer)
+    seen = corrected(observer)
+    on_state, on_commands, on_memory = np.split(running, [WIDTH, WIDTH + observer.whole + 2], axis=1)
+    rows = np.zeros((len(running), body + commands + on_memory.shape[1]))
+    rows[:, : body + commands] = on_state @ seen[:WIDTH]
+    rows[:, body : body + on_commands.shape[1]] += on_commands
+    rows[:, body + commands :] = on_memory
+    entries = on_state @ observer.gain[:WIDTH]
+    return observing(observer, seen, rows[0], entries[0], rows[1:], entries[1:])
+
+
+@dataclass(frozen=True)
+class _Running:
+    """The law as it runs, from the state at a tick, the last commands and what it remembers, to the next command and
+    what it remembers then."""
+
+    calibration: LoadCalibration
+    tracking: Tracking
+    law: Admittance
+    tick_s: float
+    contact: FloatArray  # the load's friction over the state, (WIDTH,); zero where it slides: then it stands still
+
+    def matrix(self) -> FloatArray:
+        """(1 + memory, WIDTH + commands + memory), column by column: the law is linear."""
+        whole = floor(self.calibration.drive_delay_s / self.tick_s)
+        size = WIDTH + (whole + 2) + (BODY + PATH + FEED + whole + 1)
+        return np.stack([self._next(unit) for unit in np.eye(size)], axis=1)
+
+    def _next(self, given: FloatArray) -> FloatArray:
+        c = self.calibration
+        whole = floor(c.drive_delay_s / self.tick_s)
+        into_tick_s = c.drive_delay_s - whole * self.tick_s
+        state, commands, remembered, path, delivered, shares = np.split(
+            given, np.cumsum([WIDTH, whole + 2, BODY, PATH, FEED])
+        )
+        body = VirtualBody(self.law, self.tick_s)
+        body.begin(float(remembered[0]), float(remembered[1]))
+        feed = FeedForward(c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, whole, inf)
+        feed.delivered[:], feed.shares[0], feed.shares[1:] = delivered, shares[0], shares
+        reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
+        reference.path[:] = path
+        torque_nm = c.sensor_stiffness_nm_rad * state[TWIST] + c.sensor_damping_nms_rad * state[TWIST_RATE]
+        target = body.step(float(torque_nm), Target())
+        wish_nm = followed(
+            state[None].copy(),
+            np.array([self.contact[POSITION] * state[POSITION], 0.0]),
+            commands.copy(),
+            np.array([0.0, NEVER_SLIDES_NM, self.contact[POSITION], self.contact[VELOCITY]]),
+            feed,
+            reference,
+            self.tracking.regulator,
+            target,
+            target,
+        )
+        feed.advance()
+        now = [body.position_rad, body.velocity_rad_s]
+        return np.concatenate([[wish_nm], now, reference.path, feed.delivered, feed.shares[1:]])
+
+
+@dataclass(frozen=True)
+class _Laws:
+    """A law on all benches that the calibration may mean: while the load's contact slides, and while it sticks."""
+
+    calibration: LoadCalibration
+    tracking: Tracking
+    law: Admittance
+    tick_s: float
+
+    def slowest_poles(self) -> Iterator[tuple[str, complex]]:
+        """That of each bench, with what the bench is."""
+        c, tick_s = self.calibration, self.tick_s
+        slides, sticks = self._control(sticks=False), self._control(sticks=True)
+        stuck = (each for bench in sticking_benches(c, tick_s) for each in miscalibrated(bench, tick_s))
+        for name, benches in (
+            ("a shaft that slides", sliding_benches(c, tick_s)),
+            ("encoders that are read at different times", unevenly_read(c, tick_s)),
+            ("an actuator that sticks", stuck),
+            ("an actuator that is held", walls(c, tick_s)),
+        ):
+            for bench in benches:
+                yield name, slowest_pole(bench, sticks if bench.load_spring_nm_rad > 0.0 else slides, tick_s)
+
+    def lacking_nms_rad(self) -> FloatArray:
+        """By how much the real part of the port's impedance is negative, at worst, at FREQUENCIES."""
+        c, nominal = self.calibration, nominal_bench(self.calibration, self.tick_s)
+        stuck = replace(
+            nominal, load_spring_nm_rad=c.presliding_stiffness_nm_rad, load_damper_nms_rad=c.presliding_damping_nms_rad
+        )
+        shown = chain(
+            (port_impedance(bench, self._control(sticks=False), self.tick_s) for bench in self._benches(nominal)),
+            (port_impedance(bench, self._control(sticks=True), self.tick_s) for bench in self._benches(stuck)),
+        )
+        return np.asarray(-np.min([each.real for each in shown], axis=0))
+
+    def _benches(self, bench: SampledBench) -> Iterator[SampledBench]:
+        return miscalibrated(bench, self.tick_s)
+
+    def _control(self, *, sticks: bool) -> Control:
+        return body_control(self.calibration, self.tracking, self.law, self.tick_s, sticks=sticks)
+
+
+def port_impedance(bench: SampledBench, control: Control, tick_s: float) -> ComplexArray:
+    """τ/ω at the port [N m s/rad] at FREQUENCIES, whatever the actuator is.
+
+    The load, the sensor and the drive are continuous, the controller is sampled and its command is held; what sampling
+    folds down is left out.
+    """
+    s = 1j * FREQUENCIES / tick_s
+    reads = control_response(control) * np.exp(-s[:, None] * np.array(bench.delays_s()))
+    held = -np.expm1(-s * tick_s) / (s * tick_s) * np.exp(-s * bench.command_delay_s)
+    drive = held * bench.gain * bench.bandwidth_rad_s / (s + bench.bandwidth_rad_s)
+    spring = bench.stiffness_nm_rad + bench.damping_nms_rad * s
+    load = bench.load_inertia_kgm2 * s**2 + bench.load_damper_nms_rad * s + bench.load_spring_nm_rad
+    on_torque, on_load, on_actuator = (drive * reads.T[output] for output in range(3))
+    # Of one radian of the actuator's: load · θ = (1 + on_torque) spring (1 − θ) + on_load θ + on_actuator
+    turned = ((1 + on_torque) * spring + on_actuator) / (load + (1 + on_torque) * spring - on_load)
+    return np.asarray(spring * (1 - turned) / s)
+
+
+@lru_cache(maxsize=16)
+def _tracking(calibration: LoadCalibration, tick_s: float) -> Tracking:
+    return design_tracking(calibration, tick_s)
+
+
+def _nearest(calibration: LoadCalibration, tick_s: float, law: Admittance) -> str:
+    """What one change of the law, each by itself, would make it one that can be rendered."""
+    inertia_kgm2 = calibration.inertia_kgm2
+
+    def renders(changed: Admittance) -> bool:
+        return not rendering(calibration, tick_s, changed).unstable
+
+    changes: tuple[Iterable[tuple[str, Admittance]], ...] = (
+        (
+            (f"a mass of {value:g} kg*m^2", replace(law, mass_kgm2=value))
+            for value in _about(law.mass_kgm2, inertia_kgm2)
+        ),
+        (
+            (f"a damping of {value:g} N*m*s/rad", replace(law, damping_nms_rad=value))
+            for value in _about(law.damping_nms_rad, inertia_kgm2 / tick_s)
+        ),
+        (
+            (f"a stiffness of {value:g} N*m/rad", replace(law, stiffness_nm_rad=value))
+            for value in (_about(law.stiffness_nm_rad, 0.0) if law.stiffness_nm_rad else ())
+        ),
+    )
+    found = [next((words for words, changed in each if renders(changed)), None) for each in changes]
+    if any(found):
+        return f"it can with {' or '.join(filter(None, found))}, the rest as it is"
+    both = next((each for each in _of_any_mass(law, inertia_kgm2, tick_s) if renders(each)), None)
+    return "no other single value would do" + (f"; it can render {in_words(both)}" if both else "")
+
+
+def _of_any_mass(law: Admittance, inertia_kgm2: float, tick_s: float) -> Iterator[Admittance]:
+    """From the load's own inertia on, the mass nearest to the law's first, with more and more damping; coarsely, as it
+    only shows a way."""
+    masses_kgm2 = [inertia_kgm2 * 2.0**power for power in range(COARSE_STEPS)]
+    for mass_kgm2 in sorted(masses_kgm2, key=lambda mass_kgm2: abs(log(mass_kgm2 / (law.mass_kgm2 or inertia_kgm2)))):
+        for power in range(COARSE_STEPS):
+            damping_nms_rad = inertia_kgm2 / tick_s * 2.0 ** (power - COARSE_STEPS // 2)
+            if damping_nms_rad > law.damping_nms_rad:
+                yield replace(law, mass_kgm2=float(f"{mass_kgm2:.2g}"), damping_nms_rad=float(f"{damping_nms_rad:.2g}"))
+
+
+def _about(value: float, scale: float) -> Iterator[float]:
+    """More than ``value`` and less, step by step farther away; from far below ``scale`` on where it is zero. Rounded as
+    a sentence says it, so that just this is tried."""
+    for n in range(1, STEPS):
+        start = value or scale / STEP ** (STEPS // 2)
+        yield float(f"{start * STEP**n:.2g}")
+        if value:
+            yield float(f"{start / STEP**n:.2g}")

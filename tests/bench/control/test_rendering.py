@@ -1,0 +1,203 @@
+"""Laws that a bench can render: the linear controller beside the one that runs, certificates beside the plant."""
+
+import re
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from norton_bench.arrays import FloatArray
+from norton_bench.control.admittance import AdmittanceController
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.control.design import design_tracking, nominal_bench
+from norton_bench.control.rendering import body_control, in_words, port_impedance, rendering, require_rendered
+from norton_bench.control.robustness import FREQUENCIES
+from norton_bench.errors import ExperimentError
+from norton_bench.procedures.waves import multisine
+from norton_bench.sample import Sample, Target
+from norton_bench.segments import ZERO_TORQUE, Admittance
+from tests.bench.control.plant import Plant, PlantSettings, Side
+from tests.bench.control.runs import LIMIT_NM, TICK_S, WARM_TICKS, calibrated, warmed_up
+
+REST = Target()
+KEYS = {"mass": "mass_kgm2", "damping": "damping_nms_rad", "stiffness": "stiffness_nm_rad"}
+# A light body in something viscous, one on a spring, and one that is hardly there.
+RENDERED = (Admittance(5e-4, 2e-2), Admittance(1e-3, 3e-2, 1.0), Admittance(2e-4, 2e-2))
+# They oscillate where the actuator's friction sticks; and the last one lets the load run into its own delay.
+REFUSED = (Admittance(5e-4), Admittance(5e-3), Admittance(damping_nms_rad=1e-2))
+
+
+def without_friction(settings: PlantSettings) -> PlantSettings:
+    """As good as none: the bench is linear."""
+
+    def smooth(side: Side) -> Side:
+        return replace(side, damping=1e-12, coulomb=1e-9, sigma_0=1e-9, sigma_1=1e-12)
+
+    return replace(settings, actuator=smooth(settings.actuator), load=smooth(settings.load), cogging_nm=0.0)
+
+
+@pytest.mark.parametrize("law", RENDERED, ids=in_words)
+def test_the_linear_controller_is_the_one_that_runs(law: Admittance) -> None:
+    """Any readings give the same commands: the observer, the body, the feed-forward and the regulator in one matrix."""
+    # Delays between which the observer need not interpolate: sixteenths of a tick.
+    calibration = without_friction(PlantSettings(serial_delay_s=0.5e-3)).calibration()
+    controller = AdmittanceController(calibration, TICK_S, LIMIT_NM)
+    linear = body_control(calibration, design_tracking(calibration, TICK_S), law, TICK_S)
+    readings = np.concatenate([np.zeros((5, 3)), 1e-6 * np.random.default_rng(1).standard_normal((60, 3))])
+    state, expected, wished = np.zeros(len(linear.wish)), [], []
+    for tick, (torque_nm, load_rad, actuator_rad) in enumerate(readings):
+        sample = nominal_sample(tick, torque_nm, load_rad, actuator_rad)
+        if tick == 0:
+            controller.begin(sample, law)
+        wished.append(controller.update(sample, REST, REST))
+        controller.note_sent(wished[-1])
+        expected.append(linear.wish @ state + linear.direct @ readings[tick])
+        state = linear.step @ state + linear.entry @ readings[tick]
+    assert np.ptp(expected) > 1e-6
+    np.testing.assert_allclose(wished, expected, rtol=1e-6, atol=1e-6 * np.ptp(expected))
+
+
+def nominal_sample(tick: int, torque_nm: float, load_rad: float, actuator_rad: float) -> Sample:
+    """Every reading half a tick old."""
+    age_ns = round(0.5e9 * TICK_S)
+    return Sample(
+        round(tick * 1e9 * TICK_S),
+        torque_nm=torque_nm,
+        torque_age_ns=age_ns,
+        torque_count=1,
+        position_rad=actuator_rad,
+        motion_age_ns=age_ns,
+        motion_count=1,
+        load_position_rad=load_rad,
+        load_motion_age_ns=age_ns,
+        load_motion_count=1,
+    )
+
+
+@pytest.mark.parametrize("law", RENDERED, ids=in_words)
+def test_the_port_has_the_impedance_that_is_computed(law: Admittance) -> None:
+    """An actuator so heavy that nothing stops it turns to and fro: its port's torque over its velocity is Z."""
+    settings = without_friction(PlantSettings(torque_noise_nm=0.0, counts_per_turn=2**30))
+    calibration = settings.calibration()
+    linear = body_control(calibration, design_tracking(calibration, TICK_S), law, TICK_S)
+    z = port_impedance(nominal_bench(calibration, TICK_S), linear, TICK_S)
+    for hertz in (4.0, 12.0, 40.0):
+        rate = 2 * np.pi * hertz * TICK_S
+        expected = np.interp(rate, FREQUENCIES, z.real) + 1j * np.interp(rate, FREQUENCIES, z.imag)
+        assert shaken(settings, calibration, law, hertz) == pytest.approx(expected, rel=0.02)
+
+
+def shaken(settings: PlantSettings, calibration: LoadCalibration, law: Admittance, hertz: float) -> complex:
+    """τ/ω of the plant at one frequency, over the last second of three."""
+    heavy_kgm2, omega, velocity_rad_s = 10.0, 2 * np.pi * hertz, 0.02
+    actuator = replace(settings.actuator, inertia=heavy_kgm2, gain=1.0, beta=1e5)
+    plant = Plant(replace(settings, actuator=actuator, can_jitter_s=0.0, serial_jitter_s=0.0))
+    plant.state[1] = velocity_rad_s
+    # Every reading comes in the middle of a tick, as old as the calibration has it on average.
+    plant._period[:] = TICK_S
+    plant._next[:] = (0.5 * TICK_S - np.array([settings.serial_delay_s, *2 * [settings.can_delay_s]])) % TICK_S
+    controller, rows = AdmittanceController(calibration, TICK_S, 100.0), []
+    for tick in range(3000):
+        wish = 0.0
+        if tick < WARM_TICKS:
+            controller.observe(plant.sample())
+        else:
+            if tick == WARM_TICKS:
+                controller.begin(plant.sample(), law)
+            wish = controller.update(plant.sample(), REST, REST)
+        controller.note_sent(wish)
+        rows.append((port_torque(plant), plant.state[1]))
+        # From its velocity at the end of a tick to that at the end of the next, whatever a delay makes of the phase.
+        plant.step(-heavy_kgm2 * velocity_rad_s * omega * np.sin(omega * (tick + 0.5) * TICK_S), wish)
+    torque, turning = np.array(rows)[2000:].T
+    wave = np.exp(-1j * omega * np.arange(1000) * TICK_S)
+    return complex((wave @ torque) / (wave @ turning))
+
+
+def port_torque(plant: Plant) -> float:
+    settings, x = plant.settings, plant.state
+    return float(settings.stiffness * (x[0] - x[4]) + settings.damping * (x[1] - x[5]))
+
+
+@lru_cache(maxsize=16)
+def pushed(law: Admittance, kicked: bool) -> FloatArray:
+    """Port torque, and velocities of actuator and load, at the ticks, (ticks, 3): kicked once, or pushed all along."""
+    settings, ticks = PlantSettings(), 6000
+    plant, controller = warmed_up(settings, calibrated(settings))
+    base = Target(plant.sample().load_position_rad)
+    controller.begin(plant.sample(), law)
+    command = np.where((np.arange(ticks) > 100) & (np.arange(ticks) < 300), 0.1, 0.0)
+    if not kicked:
+        command = 0.12 * multisine(ticks * TICK_S, TICK_S, low_hz=0.2, high_hz=40.0, seed=3, slope=-0.25)
+    rows = []
+    for value in command:
+        wish = controller.update(plant.sample(), base, base)
+        controller.note_sent(wish)
+        rows.append((port_torque(plant), plant.state[1], plant.state[5]))
+        plant.step(value, wish)
+    return np.array(rows)
+
+
+def left_at_rest_nm(law: Admittance) -> float:
+    """The alternating port torque, rms, some seconds after a kick."""
+    return float(np.std(pushed(law, True)[-1500:, 0]))
+
+
+@pytest.mark.parametrize("law", RENDERED, ids=in_words)
+def test_a_law_with_a_certificate_comes_to_rest(law: Admittance) -> None:
+    assert not rendering(calibrated(PlantSettings()), TICK_S, law).unstable
+    assert left_at_rest_nm(law) < 1e-3
+
+
+@pytest.mark.parametrize("law", REFUSED, ids=in_words)
+def test_a_law_that_is_refused_oscillates(law: Admittance) -> None:
+    assert rendering(calibrated(PlantSettings()), TICK_S, law).unstable
+    assert left_at_rest_nm(law) > 3e-3
+
+
+@pytest.mark.parametrize("law", [*REFUSED, Admittance(1e-3, 0.1, 50.0)], ids=in_words)
+def test_a_refusal_names_laws_that_come_to_rest(law: Admittance) -> None:
+    with pytest.raises(ExperimentError, match=r"^this bench cannot render") as refused:
+        require_rendered(calibrated(PlantSettings()), TICK_S, law)
+    offers = offered(law, str(refused.value).partition("come to rest; ")[2])
+    assert offers
+    for offer in offers:
+        assert offer != law
+        assert left_at_rest_nm(offer) < 1e-3
+
+
+def offered(law: Admittance, text: str) -> list[Admittance]:
+    """Either values that each make the rest of the law one that can be rendered, or another law altogether."""
+    single = {name: float(value) for name, value in re.findall(r"a (mass|damping|stiffness) of (\S+) ", text)}
+    both = {name: float(value) for value, name in re.findall(r"(\S+) \S+ of (mass|damping|stiffness)", text)}
+    if single:
+        return [replace(law, **{KEYS[name]: value}) for name, value in single.items()]
+    return [replace(law, **{KEYS[name]: value for name, value in both.items()})] if both else []
+
+
+@pytest.mark.parametrize("law", RENDERED, ids=in_words)
+def test_the_port_gives_back_no_more_energy_than_its_certificate_allows(law: Admittance) -> None:
+    """With the damping that the certificate lacks the port is passive: never comes more out than went in."""
+    certificate = rendering(calibrated(PlantSettings()), TICK_S, law)
+    torque, turning, _ = pushed(law, False).T
+    taken_j = np.cumsum(torque * turning) * TICK_S
+    assert np.min(taken_j + certificate.lacking_nms_rad * np.cumsum(turning**2) * TICK_S) > -1e-6
+    assert certificate.lacking_nms_rad > 0.0  # no bench with a delay is passive at every frequency
+
+
+def test_energy_that_came_back_is_what_body_and_spring_had_stored() -> None:
+    """In the band in which the law is rendered nothing but them gives any back."""
+    law = RENDERED[1]
+    torque, _, turning = pushed(law, False).T
+    turned = np.cumsum(turning) * TICK_S
+    taken_j = np.cumsum(torque * turning) * TICK_S
+    stored_j = 0.5 * law.mass_kgm2 * turning**2 + 0.5 * law.stiffness_nm_rad * turned**2
+    lost_j = taken_j - stored_j
+    by_damper_j = law.damping_nms_rad * np.cumsum(turning**2) * TICK_S
+    assert lost_j[-1] == pytest.approx(by_damper_j[-1], rel=0.15)
+
+
+def test_a_law_is_in_words_without_what_is_zero() -> None:
+    assert in_words(Admittance(5e-4, 0.0, 2.0)) == "0.0005 kg*m^2 of mass, 2 N*m/rad of stiffness"
+    assert in_words(ZERO_TORQUE) == "zero torque"
