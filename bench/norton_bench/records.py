@@ -233,10 +233,8 @@ class SegmentInfo:
 
 # What an in-situ experiment takes its load for (norton_bench.identification.in_situ).
 LOAD_TAKEN = "load"
-# The law that a step has rendered (norton_bench.identification.rendered).
-LAW = "law"
 # Kinds of events that are for programs: people read the same in other places.
-FOR_PROGRAMS = ("segment", LOAD_TAKEN, LAW)
+FOR_PROGRAMS = ("segment", LOAD_TAKEN)
 
 
 @dataclass(frozen=True)

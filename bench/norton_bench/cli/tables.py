@@ -182,6 +182,7 @@ def rendered_figures(result: Rendered) -> dict[str, Any]:
         "torque_nm": result.torque_nm,
         "off_nm": result.off_nm,
         "left_nm": result.left_nm,
+        "shortcoming": result.shortcoming,
     }
 
 

@@ -15,8 +15,7 @@ from cmath import phase
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import chain
-from math import floor, inf, log, nan, pi
+from math import floor, inf, log, nan, pi, sqrt
 
 import numpy as np
 
@@ -25,25 +24,24 @@ from norton_bench.control.admittance import FeedForward, Reference, VirtualBody,
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import (
     Tracking,
+    actuator_inertias,
     design_tracking,
     miscalibrated,
     nominal_bench,
+    of_inertias,
     sliding_benches,
     sticking_benches,
     unevenly_read,
-    walls,
 )
 from norton_bench.control.observer import WIDTH
 from norton_bench.control.regulator import POSITION, TWIST, TWIST_RATE, VELOCITY, SampledBench
 from norton_bench.control.robustness import (
-    DRIFT,
-    FREQUENCIES,
     Control,
     control_response,
     corrected,
+    growing,
     observing,
     sizes,
-    slowest_pole,
 )
 from norton_bench.control.torque_loop import KNOWN_TORQUE, with_contact
 from norton_bench.errors import ExperimentError
@@ -53,6 +51,8 @@ from norton_bench.segments import Admittance
 # The nearest law that can be rendered is looked for in so many steps of so much: over a factor of 1000.
 STEP, STEPS = 1.2, 40
 COARSE_STEPS = 10
+# Heavier actuators are tried in steps of so much; one so many times as heavy as load and actuator does not move.
+HEAVIER, HELD = 1.4, 50.0
 # A contact that sticks is a spring up to this torque [N m]: as good as always.
 NEVER_SLIDES_NM = 1e4
 BODY, PATH, FEED = 2, 3, 2  # what the running law remembers beside its shares
@@ -63,14 +63,16 @@ class Rendering:
     """What a law comes to on a bench.
 
     ``unstable`` names on what it is not stable, ``swings_hz`` the frequency that grows there; empty and NaN where it
-    can be rendered. ``lacking_nms_rad`` is the least damping that a passive actuator must have to be stable on this
-    port, whatever else it is; ``lacking_hz`` the frequency that asks for it. Both are NaN for a law that cannot be
-    rendered.
+    can be rendered. It is stable with actuators of ``lightest_kgm2`` to ``heaviest_kgm2``, infinite where also with one
+    that is held. Only then is ``lacking_nms_rad`` the least damping that a passive actuator must have to be stable on
+    this port, whatever else it is, and ``lacking_hz`` the frequency that asks for it; else both are NaN.
     """
 
     law: Admittance
     unstable: str = ""
     swings_hz: float = nan
+    lightest_kgm2: float = nan
+    heaviest_kgm2: float = nan
     lacking_nms_rad: float = nan
     lacking_hz: float = nan
 
@@ -79,23 +81,27 @@ class Rendering:
 def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
     """The certificate of a law with a body of its own. Raises ExperimentError where no feedback follows any motion."""
     laws = _Laws(calibration, _tracking(calibration, tick_s), law, tick_s)
-    for name, pole in laws.slowest_poles():
-        if abs(pole) >= 1.0 + DRIFT:
-            return Rendering(law, name, abs(phase(pole)) / (2 * pi * tick_s))
-    lacking = laws.lacking_nms_rad()
-    at = int(np.argmax(lacking))
-    hz = float(FREQUENCIES[at]) / (2 * pi * tick_s)
-    return Rendering(law, lacking_nms_rad=max(float(lacking[at]), 0.0), lacking_hz=hz)
+    unstable = laws.unstable()
+    if unstable is not None:
+        name, pole = unstable
+        return Rendering(law, name, abs(phase(pole)) / (2 * pi * tick_s))
+    result = Rendering(law, lightest_kgm2=actuator_inertias(calibration)[0], heaviest_kgm2=laws.heaviest_kgm2())
+    if result.heaviest_kgm2 < inf:
+        return result
+    lacking_nms_rad, lacking_hz = laws.lacking()
+    return replace(result, lacking_nms_rad=lacking_nms_rad, lacking_hz=lacking_hz)
 
 
-def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
-    """The certificate. Raises ExperimentError, with the nearest laws that can be rendered, where this one cannot."""
+def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance, *, offers: bool = True) -> Rendering:
+    """The certificate. Raises ExperimentError where the law cannot be rendered; with ``offers`` it names the nearest
+    ones that can, which takes some seconds."""
     result = rendering(calibration, tick_s, law)
     if not result.unstable:
         return result
     raise ExperimentError(
         f"this bench cannot render {in_words(law)}: with {result.unstable} the load would swing at "
-        f"{result.swings_hz:.2g} Hz and not come to rest; {_nearest(calibration, tick_s, law)}"
+        f"{result.swings_hz:.2g} Hz and not come to rest"
+        + (f"; {_nearest(calibration, tick_s, law)}" if offers else "")
     )
 
 
@@ -191,47 +197,81 @@ class _Laws:
     law: Admittance
     tick_s: float
 
-    def slowest_poles(self) -> Iterator[tuple[str, complex]]:
-        """That of each bench, with what the bench is."""
-        c, tick_s = self.calibration, self.tick_s
+    def unstable(self) -> tuple[str, complex] | None:
+        """The first bench on which something grows, and its pole; None where there is none."""
         slides, sticks = self._control(sticks=False), self._control(sticks=True)
-        stuck = (each for bench in sticking_benches(c, tick_s) for each in miscalibrated(bench, tick_s))
-        for name, benches in (
-            ("a shaft that slides", sliding_benches(c, tick_s)),
-            ("encoders that are read at different times", unevenly_read(c, tick_s)),
-            ("an actuator that sticks", stuck),
-            ("an actuator that is held", walls(c, tick_s)),
-        ):
+        for name, benches in self._benches():
             for bench in benches:
-                yield name, slowest_pole(bench, sticks if bench.load_spring_nm_rad > 0.0 else slides, tick_s)
+                control = sticks if bench.load_spring_nm_rad > 0.0 else slides
+                pole = growing(bench, control, self.tick_s)
+                if pole is not None:
+                    return name, pole
+        return None
 
-    def lacking_nms_rad(self) -> FloatArray:
-        """By how much the real part of the port's impedance is negative, at worst, at FREQUENCIES."""
+    def _benches(self) -> Iterator[tuple[str, Iterator[SampledBench]]]:
+        """Those on which the law must be stable, with what they are."""
+        c, tick_s = self.calibration, self.tick_s
+        lightest, heaviest = actuator_inertias(c)
+        yield "an actuator that slides", sliding_benches(c, tick_s)
+        yield "encoders that are read at different times", unevenly_read(c, tick_s)
+        yield (
+            "an actuator that sticks",
+            (
+                each
+                for bench in sticking_benches(c, tick_s)
+                for inertia_kgm2 in (lightest, bench.actuator_inertia_kgm2, heaviest)
+                for each in miscalibrated(replace(bench, actuator_inertia_kgm2=inertia_kgm2), tick_s)
+            ),
+        )
+
+    def heaviest_kgm2(self) -> float:
+        """The greatest inertia of an actuator up to which it is stable; infinite where also with one that is held."""
+        c, nominal = self.calibration, nominal_bench(self.calibration, self.tick_s)
+        slides, heaviest = self._control(sticks=False), actuator_inertias(c)[1]
+        held_kgm2 = HELD * max(heaviest, c.inertia_kgm2)
+        while heaviest < held_kgm2:
+            heavier = min(HEAVIER * heaviest, held_kgm2)
+            if any(growing(each, slides, self.tick_s) for each in of_inertias(nominal, (heavier,), self.tick_s)):
+                return heaviest
+            heaviest = heavier
+        return inf
+
+    def lacking(self) -> tuple[float, float]:
+        """By how much the real part of the port's impedance is negative at worst, and at which frequency [Hz]."""
         c, nominal = self.calibration, nominal_bench(self.calibration, self.tick_s)
         stuck = replace(
             nominal, load_spring_nm_rad=c.presliding_stiffness_nm_rad, load_damper_nms_rad=c.presliding_damping_nms_rad
         )
-        shown = chain(
-            (port_impedance(bench, self._control(sticks=False), self.tick_s) for bench in self._benches(nominal)),
-            (port_impedance(bench, self._control(sticks=True), self.tick_s) for bench in self._benches(stuck)),
-        )
-        return np.asarray(-np.min([each.real for each in shown], axis=0))
-
-    def _benches(self, bench: SampledBench) -> Iterator[SampledBench]:
-        return miscalibrated(bench, self.tick_s)
+        frequencies = _dense(nominal, self.tick_s)
+        worst, at = 0.0, nan
+        for bench, sticks in ((nominal, False), (stuck, True)):
+            response = control_response(self._control(sticks=sticks), frequencies)
+            for each in miscalibrated(bench, self.tick_s):
+                shown = port_impedance(each, response, frequencies, self.tick_s).real
+                if -np.min(shown) > worst:
+                    worst, at = -float(np.min(shown)), float(frequencies[np.argmin(shown)])
+        return worst, at / (2 * pi * self.tick_s)
 
     def _control(self, *, sticks: bool) -> Control:
         return body_control(self.calibration, self.tracking, self.law, self.tick_s, sticks=sticks)
 
 
-def port_impedance(bench: SampledBench, control: Control, tick_s: float) -> ComplexArray:
-    """τ/ω at the port [N m s/rad] at FREQUENCIES, whatever the actuator is.
+def _dense(bench: SampledBench, tick_s: float) -> FloatArray:
+    """Frequencies [rad per tick] so near each other that no resonance lies between, to twice that of the load on the
+    sensor's spring, and no less than half the loop's rate; about that resonance the nearest."""
+    resonance = tick_s * sqrt(bench.stiffness_nm_rad / bench.load_inertia_kgm2)
+    about = resonance * np.linspace(0.5, 2.0, 600)
+    return np.unique(np.concatenate([np.linspace(1e-3, max(2.0 * resonance, pi), 600), about]))
 
-    The load, the sensor and the drive are continuous, the controller is sampled and its command is held; what sampling
-    folds down is left out.
+
+def port_impedance(bench: SampledBench, response: ComplexArray, frequencies: FloatArray, tick_s: float) -> ComplexArray:
+    """τ/ω at the port [N m s/rad] at ``frequencies`` [rad per tick], whatever the actuator is; shape (n,).
+
+    ``response`` (n, 3) is the controller's. The load, the sensor and the drive are continuous, the controller is
+    sampled and its command is held; what sampling folds down is left out.
     """
-    s = 1j * FREQUENCIES / tick_s
-    reads = control_response(control) * np.exp(-s[:, None] * np.array(bench.delays_s()))
+    s = 1j * frequencies / tick_s
+    reads = response * np.exp(-s[:, None] * np.array(bench.delays_s()))
     held = -np.expm1(-s * tick_s) / (s * tick_s) * np.exp(-s * bench.command_delay_s)
     drive = held * bench.gain * bench.bandwidth_rad_s / (s + bench.bandwidth_rad_s)
     spring = bench.stiffness_nm_rad + bench.damping_nms_rad * s

@@ -16,6 +16,7 @@ FREQUENCIES = np.concatenate([np.geomspace(0.002, 0.02, 20, endpoint=False), np.
 LEAST_DAMPING = 0.2
 # Poles within this of the unit circle belong to motion that nobody holds: the shafts' common drift.
 DRIFT = 5e-4
+ROUNDING = 1e-7  # of a pole: what eigenvalues of some hundred numbers are off by
 
 
 @dataclass(frozen=True)
@@ -48,32 +49,42 @@ class Control:
 
 def margins(bench: SampledBench, control: Control, tick_s: float) -> Margins:
     """Margins of a controller on ``bench``, with the loop broken at the load's command."""
-    loop = np.sum(_bench_response(bench.with_damping(LEAST_DAMPING), tick_s) * control_response(control), axis=1)
-    return Margins(abs(slowest_pole(bench, control, tick_s)), float(np.max(1 / np.abs(1 - loop))))
-
-
-def slowest_pole(bench: SampledBench, control: Control, tick_s: float) -> complex:
-    """The pole of the closed loop with the greatest radius: beyond 1 what it belongs to grows from tick to tick."""
+    loop = np.sum(_bench_response(bench.with_damping(LEAST_DAMPING), tick_s) * _control_response(control), axis=1)
     poles = np.linalg.eigvals(_closed_loop(bench, control, tick_s))
-    return complex(poles[np.argmax(np.abs(poles))])
+    return Margins(float(np.max(np.abs(poles))), float(np.max(1 / np.abs(1 - loop))))
+
+
+def growing(bench: SampledBench, control: Control, tick_s: float) -> complex | None:
+    """The pole of what grows fastest from tick to tick in the closed loop; None where nothing does.
+
+    The shafts' common drift is nothing that grows: its poles lie at 1, and rounding moves them a little.
+    """
+    poles = np.linalg.eigvals(_closed_loop(bench, control, tick_s))
+    drifts = np.abs(poles - 1.0) < DRIFT
+    beyond = poles[(np.abs(poles) > 1.0 + ROUNDING) & ~drifts]
+    return complex(beyond[np.argmax(np.abs(beyond))]) if beyond.size else None
 
 
 @lru_cache(maxsize=256)
 def _bench_response(bench: SampledBench, tick_s: float) -> ComplexArray:
     """From command to readings at FREQUENCIES, (n, 3)."""
     readings, step, entry = _bench_part(bench, tick_s)
-    return np.asarray(_resolved(step, entry[:, None])[:, :, 0] @ readings.T)
+    return np.asarray(_resolved(step, entry[:, None], FREQUENCIES)[:, :, 0] @ readings.T)
 
 
 @lru_cache(maxsize=4)
-def control_response(control: Control) -> ComplexArray:
-    """From readings to wish at FREQUENCIES, (n, 3)."""
-    return np.asarray(control.direct + control.wish @ _resolved(control.step, control.entry))
+def _control_response(control: Control) -> ComplexArray:
+    return control_response(control, FREQUENCIES)
 
 
-def _resolved(step: FloatArray, entry: FloatArray) -> ComplexArray:
-    """(z − A)⁻¹ B at FREQUENCIES."""
-    z = np.exp(1j * FREQUENCIES)[:, None, None]
+def control_response(control: Control, frequencies: FloatArray) -> ComplexArray:
+    """From readings to wish at ``frequencies`` (n,) in rad per tick; (n, 3)."""
+    return np.asarray(control.direct + control.wish @ _resolved(control.step, control.entry, frequencies))
+
+
+def _resolved(step: FloatArray, entry: FloatArray, frequencies: FloatArray) -> ComplexArray:
+    """(z − A)⁻¹ B at these frequencies."""
+    z = np.exp(1j * frequencies)[:, None, None]
     return np.asarray(np.linalg.solve(z * np.eye(len(step)) - step, entry[None]))
 
 

@@ -7,28 +7,33 @@ window, and integrated by parts, so that the derivatives stand at the functions 
 and nonlinear systems", Trans. ASME 79, 1957).
 """
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 import numpy.typing as npt
+from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.statistics import NORMAL_95
+from norton_bench.identification.load import fit_load
 from norton_bench.identification.trials import TAUGHT_HZ, in_band, seen
-from norton_bench.records import LAW, Measured, SegmentInfo
+from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Admittance
 
-RENDER, RENDERED = "render", "rendered"
+RENDER = "render"
 # Windows of so long, which overlap by half, and in each one function for every second multiple of 1 / WINDOW_S: the
 # functions of a window, sin⁴ of its phase, are as wide as that.
 WINDOW_S = 0.5
 # Windows so near share readings, or friction that stood in both: their errors count as dependent (Newey and West 1987).
 DEPENDENT_WINDOWS = 2
+# Below that there are too few windows to know a deviation by.
+LEAST_S = 3.0
 MASS, DAMPING, STIFFNESS = range(3)
 UNKNOWN = 4  # beside them, the torque's zero with the place of the spring's
+LAW_UNITS = ("kg*m^2", "N*m*s/rad", "N*m/rad")
+Triple = tuple[float, float, float]
 
 Complex = npt.NDArray[np.complex128]
 
@@ -39,51 +44,66 @@ class Rendered:
 
     ``measured`` and ``half`` (3,) are mass [kg m²], damping [N m s/rad] and stiffness [N m/rad], and half their 95 %
     intervals. ``torque_nm`` is the port's torque below TAUGHT_HZ, rms; ``off_nm`` what of it the law asked for does not
-    explain, ``left_nm`` what the measured one does not.
+    explain, ``left_nm`` what the measured one does not. Where nothing could be measured all are NaN, and
+    ``shortcoming`` says why.
     """
 
     asked: Admittance
-    measured: tuple[float, float, float]
-    half: tuple[float, float, float]
-    torque_nm: float
-    off_nm: float
-    left_nm: float
+    measured: Triple = (nan, nan, nan)
+    half: Triple = (nan, nan, nan)
+    torque_nm: float = nan
+    off_nm: float = nan
+    left_nm: float = nan
+    shortcoming: str = ""
 
     @property
-    def wanted(self) -> tuple[float, float, float]:
+    def wanted(self) -> Triple:
         """The law asked for, in the order of ``measured``."""
         return self.asked.mass_kgm2, self.asked.damping_nms_rad, self.asked.stiffness_nm_rad
 
 
-def law_text(law: Admittance, late_s: float) -> str:
-    """The law as the recording holds it, and by how much torque is read later than the load's motion, as the
-    calibration has it: that much late, damping would pass for mass."""
-    return json.dumps({"law": asdict(law), "late_s": late_s})
+def name_of(law: Admittance) -> str:
+    """What a segment is called in which this law is rendered: mass, damping and stiffness."""
+    values = law.mass_kgm2, law.damping_nms_rad, law.stiffness_nm_rad
+    return ", ".join(f"{value!r} {unit}" for value, unit in zip(values, LAW_UNITS, strict=True))
+
+
+def law_of(segment: SegmentInfo) -> Admittance | None:
+    """The law by a segment's name; None where it renders none."""
+    parts = [part.split(" ") for part in segment.name.split(", ")]
+    if segment.procedure != RENDER or [part[-1] for part in parts] != list(LAW_UNITS):
+        return None
+    mass_kgm2, damping_nms_rad, stiffness_nm_rad = (float(part[0]) for part in parts)
+    return Admittance(mass_kgm2, damping_nms_rad, stiffness_nm_rad)
 
 
 def rendered(measured: Measured, tick_s: float) -> tuple[Rendered, ...]:
-    """What each step that rendered a law to its end came to. Raises ExperimentError where a stream has gaps."""
-    segments = [each for each in measured.segments if each.procedure == RENDER and each.name == RENDERED]
-    results = []
-    for event in measured.events:
-        before = [each for each in segments if each.end_ns <= event.stamp_ns]
-        if event.kind == LAW and before:  # said when the step has ended
-            asked = json.loads(event.text)
-            results.append(_of_segment(measured, before[-1], Admittance(**asked["law"]), asked["late_s"], tick_s))
-    return tuple(results)
+    """The law of each segment in which one was rendered."""
+    chosen = [(segment, law) for segment in measured.segments if (law := law_of(segment)) is not None]
+    if not chosen:
+        return ()
+    try:
+        # As late as the torque is read after the load's motion: that much late, damping would pass for mass.
+        late_s = -fit_load(measured, tick_s).result.motion_delay_s
+    except ExperimentError as error:
+        return tuple(Rendered(law, shortcoming=f"the calibration tells no delays: {error}") for _, law in chosen)
+    return tuple(_of_segment(measured, segment, law, late_s, tick_s) for segment, law in chosen)
 
 
 def _of_segment(measured: Measured, segment: SegmentInfo, asked: Admittance, late_s: float, tick_s: float) -> Rendered:
     ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
-    if ticks * tick_s < 2 * WINDOW_S:
-        raise ExperimentError(f"{RENDER}: the law acted for less than a second, which shows nothing of it; repeat it")
-    readings = seen(measured, segment, ticks, tick_s)
+    if ticks * tick_s < LEAST_S:
+        return Rendered(asked, shortcoming=f"the law acted for {ticks * tick_s:.1f} s, and {LEAST_S:g} s are needed")
+    try:
+        readings = seen(measured, segment, ticks, tick_s)
+    except ExperimentError as error:
+        return Rendered(asked, shortcoming=str(error))
     if readings.torque_nm is None:
-        raise ExperimentError(f"{RENDER}: no torque was read")
+        return Rendered(asked, shortcoming="no torque was read")
     columns, torque = _integrals(readings.load_position_rad, readings.torque_nm, late_s, tick_s)
-    values, std = _solved(columns, torque)
-    power = float(np.sum(torque**2))
+    values, half = _solved(columns, torque)
     torque_nm = float(np.sqrt(np.mean(in_band(readings.torque_nm - np.mean(readings.torque_nm), tick_s) ** 2)))
+    power, law = float(np.sum(torque**2)), values[:3]
 
     def left_nm(law: FloatArray) -> float:
         """What the law leaves, whatever the sensor's zero is."""
@@ -91,14 +111,12 @@ def _of_segment(measured: Measured, segment: SegmentInfo, asked: Admittance, lat
         rest = rest - constant * np.sum(constant * rest) / np.sum(constant**2)
         return torque_nm * float(np.sqrt(np.sum(rest**2) / power)) if power > 0.0 else 0.0
 
-    law, half = values[:3], NORMAL_95 * std[:3]
-    wanted = np.array([asked.mass_kgm2, asked.damping_nms_rad, asked.stiffness_nm_rad])
     return Rendered(
         asked,
         (float(law[MASS]), float(law[DAMPING]), float(law[STIFFNESS])),
         (float(half[MASS]), float(half[DAMPING]), float(half[STIFFNESS])),
         torque_nm,
-        left_nm(wanted) if wanted.any() else torque_nm,
+        left_nm(np.array([asked.mass_kgm2, asked.damping_nms_rad, asked.stiffness_nm_rad])),
         left_nm(law),
     )
 
@@ -142,7 +160,7 @@ def _functions(length: int, late_s: float, tick_s: float) -> Iterator[tuple[Comp
 
 
 def _solved(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares, and standard deviations from what is left, window by window."""
+    """Least squares, and half the 95 % intervals from what is left, window by window."""
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=(0, 1))), 1e-300)
     scaled = columns / scale
     normal = np.einsum("wri,wrj->ij", scaled, scaled)
@@ -153,6 +171,8 @@ def _solved(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatAr
         both = scores[apart:].T @ scores[:-apart]
         meat += (1 - apart / (DEPENDENT_WINDOWS + 1)) * (both + both.T)
     inverse = np.linalg.pinv(normal)
-    few = len(scores) / max(len(scores) - UNKNOWN, 1)
-    variance = np.maximum(np.diag(inverse @ meat @ inverse) * few, 0.0)
-    return values / scale, np.sqrt(variance) / scale
+    # Neighbours overlap by half: there are as many independent windows as fit beside each other.
+    independent = 0.5 * len(scores)
+    freedom = max(independent - UNKNOWN, 1.0)
+    variance = np.maximum(np.diag(inverse @ meat @ inverse), 0.0) * independent / freedom
+    return values / scale, float(student.ppf(0.975, freedom)) * np.sqrt(variance) / scale

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.rendering import require_rendered
 from norton_bench.errors import RigError
 from norton_bench.identification.results import FitResult
 from norton_bench.loop.bench_loop import Runner
+from norton_bench.on_demand import deferred
 from norton_bench.records import Measured, join
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import LoadMode, Segment
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from norton_bench.procedures.learning import InSitu, Iteration
     from norton_bench.procedures.refinement import Refinement
 
+require_rendered = deferred("norton_bench.control.rendering:require_rendered")  # slow to import, and few have a law
 # An imposed velocity may reach this share of the velocity limit: the shaft overshoots a little.
 VELOCITY_SHARE = 0.9
 
@@ -189,19 +190,26 @@ def as_it_is(segment: Segment, _position_rad: float | None, _velocity_rad_s: flo
     return segment
 
 
+def only_rendered(known: Knowledge, foresee: Foresight = as_it_is) -> Foresight:
+    """The same foresight, but for segments with a law that the bench cannot render: those raise ExperimentError."""
+
+    def allowed(segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
+        if segment.mode is LoadMode.ADMITTANCE and segment.admittance.has_body and known.calibration is not None:
+            # To look for laws that it can takes seconds: not while the drives are enabled.
+            offers = position_rad is None
+            require_rendered(known.calibration, known.tick_s, segment.admittance, offers=offers)
+        return foresee(segment, position_rad, velocity_rad_s, command)
+
+    return allowed
+
+
 def carry_out(procedure: Procedure, known: Knowledge, loop: Runner, foresee: Foresight = as_it_is) -> Knowledge:
     """Run one procedure with the drives enabled; then, with the drives idle, evaluate it.
 
     A law that the bench cannot render is refused. Raises SafetyStopError, OperatorStopError, DeviceError,
     ExperimentError; the drives are idle then, too.
     """
-
-    def allowed(segment: Segment, position_rad: float | None, velocity_rad_s: float, command: float) -> Segment:
-        if segment.mode is LoadMode.ADMITTANCE and segment.admittance.has_body and known.calibration is not None:
-            require_rendered(known.calibration, known.tick_s, segment.admittance)
-        return foresee(segment, position_rad, velocity_rad_s, command)
-
-    record = join(list(follow(procedure.plan(known), loop, allowed)))
+    record = join(list(follow(procedure.plan(known), loop, only_rendered(known, foresee))))
     return replace(procedure.conclude(known, record), records=(*known.records, record))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from norton_bench.errors import RigError
-from norton_bench.procedures.knowledge import Adaptive, Decision, Knowledge, Plan, Procedure
+from norton_bench.procedures.knowledge import Adaptive, Decision, Knowledge, Plan, Procedure, Reducing
 from norton_bench.procedures.waves import ramp
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
@@ -36,6 +36,10 @@ class ModulatedProcedure:
 
     def duration_s(self, rig: Rig) -> float:
         return RAMP_S + len(self.modulations) * (RAMP_S + self.procedure.duration_s(rig))
+
+    def reductions(self, known: Knowledge) -> tuple[str, ...]:
+        """Those of the procedure: they are the same for each modulation."""
+        return self.procedure.reductions(known) if isinstance(self.procedure, Reducing) else ()
 
     def plan(self, known: Knowledge) -> Plan:
         before, command = 0.0, 0.0

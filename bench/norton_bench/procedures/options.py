@@ -139,7 +139,7 @@ class RenderOptions(Options):
     damping_nms_rad: Damping = Field(0.0, alias="damping", ge=0, examples=["0 N*m*s/rad"])
     stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["0 N*m/rad"])
     amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
-    duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
+    duration_s: Seconds = Field(8.0, alias="duration", ge=3, examples=["8 s"])
     highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
 
 

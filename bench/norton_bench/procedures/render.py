@@ -1,19 +1,20 @@
 """A virtual body at the port: the load acts a mass, a damper and a spring while the actuator pushes."""
 
 from dataclasses import dataclass, field
+from math import inf
 from typing import ClassVar
 
 import numpy as np
 
-from norton_bench.control.design import actuator_inertias
 from norton_bench.control.rendering import in_words, require_rendered
-from norton_bench.identification.rendered import RENDER, RENDERED, law_text
+from norton_bench.errors import ExperimentError
+from norton_bench.identification.rendered import RENDER, name_of
 from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.free import FASTEST_SHARE, command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, refuse_servo, require_load
 from norton_bench.procedures.options import RenderOptions
 from norton_bench.procedures.waves import hold
-from norton_bench.records import LAW, Measured
+from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Admittance, LoadMode, Segment, Use
 
@@ -47,13 +48,17 @@ class RenderProcedure:
         """What the certificate of the law says. Raises ExperimentError where there is none."""
         if not self.law.has_body:
             return ()
-        assert known.calibration is not None
+        if known.calibration is None:
+            raise ExperimentError("render: needs a calibrated load drive; run the step 'calibrate' before it")
         result = require_rendered(known.calibration, known.tick_s, self.law)
-        low, high = actuator_inertias(known.calibration)
+        words = f"render: {in_words(self.law)} is stable with an actuator of {result.lightest_kgm2:.2g} kg*m^2"
+        if result.heaviest_kgm2 < inf:
+            end = "whose friction slides or sticks; not with one that is held"
+            return (f"{words} to {result.heaviest_kgm2:.2g}, {end}",)
         return (
-            f"render: {in_words(self.law)} is stable with an actuator of {low:.2g} to {high:.2g} kg*m^2 whose friction "
-            f"slides or sticks, and with one that is held; with any other passive one that has "
-            f"{result.lacking_nms_rad:.2g} N*m*s/rad of damping itself, which {result.lacking_hz:.3g} Hz ask for",
+            f"{words} or more, whose friction slides or sticks, and with one that is held; with any other passive one "
+            f"that has {result.lacking_nms_rad:.2g} N*m*s/rad of damping itself, which {result.lacking_hz:.3g} Hz ask "
+            "for",
         )
 
     def plan(self, known: Knowledge) -> Plan:
@@ -63,7 +68,7 @@ class RenderProcedure:
         command = free_within(bounds_of(known), wave) * wave
         yield Segment(
             self.name,
-            RENDERED,
+            name_of(self.law),
             Use.PREPARE,  # most of it is within the presliding length: fits want motion that was chosen for them
             np.concatenate([rest, command, rest]),
             LoadMode.ADMITTANCE,
@@ -73,8 +78,3 @@ class RenderProcedure:
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         return known
-
-    def recorded_event(self, known: Knowledge) -> tuple[str, str]:
-        """The law, and what the calibration knows of the readings that show it."""
-        assert known.calibration is not None
-        return LAW, law_text(self.law, known.calibration.torque_delay_s - known.calibration.position_delay_s)

@@ -7,7 +7,7 @@ from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
-from norton_bench.identification.rendered import Rendered
+from norton_bench.identification.rendered import Rendered, name_of
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import PortsRow, two_ports
 from norton_bench.identification.trials import TrialFigures, last_driven, settled
@@ -206,6 +206,8 @@ def rendered_facts(results: Sequence[Rendered]) -> Facts:
 
 def rendered_sentence(result: Rendered) -> str:
     """A law that was rendered, in one sentence."""
+    if result.shortcoming:
+        return f"Rendered: {name_of(result.asked)} was asked for; not measured, because {result.shortcoming}."
     parts = [
         f"{name} {within(factor * value, factor * half)} {unit} ({number(factor * asked, 3)} asked for)"
         for (name, unit, factor), asked, value, half in _law(result)

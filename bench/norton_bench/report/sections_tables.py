@@ -15,6 +15,7 @@ from norton_bench.report.facts_tables import (
     modulator_sentence,
     ports_facts,
     rendered_facts,
+    rendered_sentence,
     source_facts,
     stiffness_facts,
 )
@@ -159,8 +160,11 @@ def rendered_section(data: Result) -> Section | None:
         "The load acted a virtual body, M dv/dt + B v + K (x − x₀) = τ, while the actuator pushed. The law is measured "
         f"by the torque and the load's motion at the port, below {TAUGHT_HZ:g} Hz, with 95 % intervals.",
         "In brackets: what was asked for. Unexplained is what that leaves of the torque at the port, rms.",
+        *(rendered_sentence(each) for each in data.rendered if each.shortcoming),
     )
-    return Section("rendered", "Virtual bodies", sentences, tables=(rendered_facts(data.rendered),))
+    measured = [each for each in data.rendered if not each.shortcoming]
+    tables = (rendered_facts(measured),) if measured else ()
+    return Section("rendered", "Virtual bodies", sentences, tables=tables)
 
 
 def in_situ_section(data: Result) -> Section | None:

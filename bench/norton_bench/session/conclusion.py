@@ -91,8 +91,9 @@ def conclude(
         live=tuple(live),
         notes=notes,
         in_situ=_of_step("in_situ", partial(in_situ_result, tick_s=float(metadata["tick_s"])), measured),
+        rendered=rendered(measured, float(metadata["tick_s"])) if _had(RENDER, measured) else (),
     )
-    if Use.IDENTIFY not in uses and result.in_situ is None:
+    if Use.IDENTIFY not in uses and result.in_situ is None and not result.rendered:
         return result
     if result.in_situ is not None:
         result = replace(result, motion_file=_source_saved(result.in_situ, out / f"{recording.stem}.source.csv"))
@@ -115,7 +116,6 @@ def _identified(result: Result, measured: Measured, network_file: Path, on_stage
         exertion=_of_step("tabulate_impedance", partial(exertion_table, tick_s=tick_s), cleaned),
         modulator=_where_measured(modulator_places, cleaned) if len(cleaned.modulator_motion) else None,
         trials=trials(measured, tick_s, ITERATED) if _had(ITERATED, measured) else (),
-        rendered=rendered(measured, tick_s) if _had(RENDER, measured) else (),
     )
     if result.metadata.get("model") == NO_MODEL:
         verdicts = tabulated_conditions(result.source, result.exertion)
@@ -246,7 +246,9 @@ def conclude_recording(
 
 
 def _made_for_identification(measured: Measured) -> bool:
-    return any(segment.use is Use.IDENTIFY for segment in measured.segments) or _had("in_situ", measured)
+    return any(segment.use is Use.IDENTIFY for segment in measured.segments) or any(
+        _had(step, measured) for step in ("in_situ", RENDER)
+    )
 
 
 def _nothing_to_fit(path: Path) -> UsageError:

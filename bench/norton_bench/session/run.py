@@ -25,7 +25,16 @@ from norton_bench.loop.bench_loop import BenchLoop, Learned
 from norton_bench.models.sliding import damping_nm, greatest_friction_nm
 from norton_bench.procedures.calibrate import known_well_enough
 from norton_bench.procedures.catalogue import CATALOGUE, needed_by
-from norton_bench.procedures.knowledge import Adaptive, Knowledge, Procedure, Reducing, Reporting, carry_out, follow
+from norton_bench.procedures.knowledge import (
+    Adaptive,
+    Knowledge,
+    Procedure,
+    Reducing,
+    Reporting,
+    carry_out,
+    follow,
+    only_rendered,
+)
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.recorder import Recorder
 from norton_bench.records import Measured, Table
@@ -239,7 +248,8 @@ class SessionRun:
             self._ask(action)
         elif isinstance(action, ByHand):
             self.recorder.check()
-            deque(follow(action.plan(self.so_far.known), self.loop), maxlen=0)
+            known = self.so_far.known
+            deque(follow(action.plan(known), self.loop, only_rendered(known)), maxlen=0)
         elif isinstance(action, Adaptive):
             self._adapt(action)
         else:

@@ -133,6 +133,10 @@ def test_a_rendered_law_has_its_figures_and_a_sentence() -> None:
     assert data["asked"] == {"mass_kgm2": 5e-4, "damping_nms_rad": 2e-2, "stiffness_nm_rad": 0.0}
     assert data["measured"]["damping_nms_rad"] == 2.04e-2
     assert data["half_interval"]["mass_kgm2"] == 2e-5
+    short = replace(law, shortcoming="the law acted for 1.0 s, and 3 s are needed")
+    assert rendered_sentence(short).endswith(
+        "asked for; not measured, because the law acted for 1.0 s, and 3 s are needed."
+    )
     assert (data["torque_nm"], data["off_nm"], data["left_nm"]) == (1.2e-2, 1.1e-3, 8e-4)
     assert rendered_sentence(law) == (
         "Rendered: mass 0.49 ± 0.02 g·m² (0.500 asked for), damping 20.4 ± 0.3 mN·m·s/rad (20.0 asked for), stiffness "

@@ -1,6 +1,7 @@
 """The law at a port, from torque and motion as they are read: against bodies that scipy moves."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,15 +10,15 @@ from scipy.stats import binom
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.rendered import RENDER, RENDERED, Rendered, law_text, rendered
+from norton_bench.identification.rendered import RENDER, Rendered, law_of, name_of, rendered
 from norton_bench.procedures.waves import multisine
-from norton_bench.records import LAW, MOTION, NO_DEVICE_TIME, TICK, TORQUE, Event, Measured, SegmentInfo
+from norton_bench.records import MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
 from norton_bench.segments import ZERO_TORQUE, Admittance, Use
 
 TICK_S = 1e-3
 LAWS = (Admittance(5e-4, 2e-2), Admittance(5e-4, 2e-2, 0.5), Admittance(5e-5, 5e-2))
 TORQUE_LATE_S, MOTION_LATE_S, COUNT_RAD = 0.9e-3, 0.3e-3, 2 * np.pi / 2**17
-LATE = TORQUE_LATE_S - MOTION_LATE_S
+LATE_S = TORQUE_LATE_S - MOTION_LATE_S
 
 
 def port_torque(seed: int, duration_s: float = 8.0) -> FloatArray:
@@ -52,15 +53,26 @@ def readings(law: Admittance, seed: int, duration_s: float = 8.0, noise_nm: floa
     ticks = np.zeros(count, TICK)
     ticks["tick_ns"] = stamps
     end_ns = int(stamps[-1]) + 1_000_000
-    segment = SegmentInfo(0, RENDER, RENDERED, Use.PREPARE, "admittance", start_ns, end_ns)
+    segment = SegmentInfo(0, RENDER, name_of(law), Use.PREPARE, "admittance", start_ns, end_ns)
     return Measured(
         ticks=ticks,
         motion=motion,
         load_motion=motion,
         torque=sensed,
         segments=(segment,),
-        events=(Event(end_ns + 1, LAW, law_text(law, LATE)),),
     )
+
+
+@pytest.fixture(autouse=True)
+def calibrated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The calibration knows by how much torque is read later than motion; there is none in these records."""
+    fit = SimpleNamespace(result=SimpleNamespace(motion_delay_s=-LATE_S))
+    monkeypatch.setattr("norton_bench.identification.rendered.fit_load", lambda *_: fit)
+
+
+def named(measured: Measured, law: Admittance) -> Measured:
+    """The same readings, as if another law had been asked for."""
+    return replace(measured, segments=tuple(replace(each, name=name_of(law)) for each in measured.segments))
 
 
 def one(measured: Measured) -> Rendered:
@@ -68,14 +80,15 @@ def one(measured: Measured) -> Rendered:
     return result
 
 
+@pytest.mark.parametrize("duration_s", [8.0, 3.5])
 @pytest.mark.parametrize("law", LAWS, ids=str)
-def test_intervals_hold_the_law(law: Admittance) -> None:
+def test_intervals_hold_the_law(law: Admittance, duration_s: float) -> None:
     """Of thirty records and three values each; the share that chance leaves in one of a thousand tests."""
-    results = [one(readings(law, seed)) for seed in range(30)]
+    results = [one(readings(law, seed, duration_s)) for seed in range(30)]
     true = np.array(results[0].wanted)
     errors = np.array([each.measured for each in results]) - true
     half = np.array([each.half for each in results])
-    assert np.all(np.abs(errors[:, :2]) < [5e-5, 1e-3])
+    assert np.all(np.abs(errors[:, :2]) < [1e-4, 2e-3])
     assert np.count_nonzero(np.abs(errors) < half) >= binom.ppf(1e-3, errors.size, 0.93)
     assert np.sqrt(np.mean((errors / half) ** 2)) > 0.25  # nor far wider than the errors
 
@@ -89,25 +102,41 @@ def test_what_the_law_leaves_is_the_noise_below_30_hz() -> None:
 
 
 def test_another_law_than_the_one_asked_for_leaves_torque() -> None:
-    measured = readings(LAWS[0], 1)
     asked = Admittance(LAWS[0].mass_kgm2, 2 * LAWS[0].damping_nms_rad)
-    events = tuple(replace(each, text=law_text(asked, LATE)) for each in measured.events)
-    result = one(replace(measured, events=events))
+    result = one(named(readings(LAWS[0], 1), asked))
     assert result.wanted == (5e-4, 4e-2, 0.0)
     assert result.measured[1] == pytest.approx(2e-2, rel=0.02)
     assert result.off_nm > 5 * result.left_nm
 
 
 def test_zero_torque_explains_none_of_it() -> None:
+    result = one(named(readings(LAWS[0], 1), ZERO_TORQUE))
+    assert result.off_nm == pytest.approx(result.torque_nm, rel=0.01)
+
+
+def test_a_law_that_acted_too_briefly_has_a_reason_instead_of_values() -> None:
+    result = one(readings(LAWS[0], 1, duration_s=2.9))
+    assert result.shortcoming == "the law acted for 2.9 s, and 3 s are needed"
+    assert np.isnan([*result.measured, *result.half, result.off_nm]).all()
+
+
+def test_nothing_read_is_a_reason_too() -> None:
     measured = readings(LAWS[0], 1)
-    result = one(replace(measured, events=(Event(measured.segments[0].end_ns, LAW, law_text(ZERO_TORQUE, LATE)),)))
-    assert result.off_nm == result.torque_nm
+    assert "next to nothing was read" in one(replace(measured, load_motion=measured.load_motion[:5])).shortcoming
+    assert one(replace(measured, torque=measured.torque[:0])).shortcoming == "no torque was read"
 
 
-def test_a_step_that_did_not_end_has_no_law() -> None:
-    assert rendered(replace(readings(LAWS[0], 1), events=()), TICK_S) == ()
+def test_without_a_calibration_damping_and_mass_cannot_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise ExperimentError("nothing was calibrated")
+
+    monkeypatch.setattr("norton_bench.identification.rendered.fit_load", fails)
+    assert one(readings(LAWS[0], 1)).shortcoming == "the calibration tells no delays: nothing was calibrated"
 
 
-def test_less_than_a_second_shows_nothing() -> None:
-    with pytest.raises(ExperimentError, match="the law acted for less than a second"):
-        one(readings(LAWS[0], 1, duration_s=0.9))
+@pytest.mark.parametrize("law", [*LAWS, ZERO_TORQUE, Admittance(1 / 3e3, 1e-9, 123.456)], ids=str)
+def test_a_segment_bears_its_law(law: Admittance) -> None:
+    segment = SegmentInfo(0, RENDER, name_of(law), Use.PREPARE, "admittance", 0, 1)
+    assert law_of(segment) == law
+    assert law_of(replace(segment, procedure="free")) is None
+    assert law_of(replace(segment, name="modulate")) is None

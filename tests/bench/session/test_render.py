@@ -2,18 +2,23 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from norton_bench.cli import app
-from norton_bench.errors import ExitCode, RigError
+from norton_bench.errors import ExitCode, ExperimentError, RigError
+from norton_bench.procedures.knowledge import Knowledge, Reducing, only_rendered
+from norton_bench.procedures.modulated import modulated
 from norton_bench.procedures.options import RenderOptions
 from norton_bench.procedures.render import RenderProcedure
 from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
-from norton_bench.segments import ZERO_TORQUE, Admittance
+from norton_bench.segments import ZERO_TORQUE, Admittance, LoadMode, Segment, Use
 from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import load_session
+from tests.bench.control.plant import PlantSettings
+from tests.bench.control.runs import calibrated
 
 ROOT = Path(__file__).parents[3]
 RIGS, SESSION = ROOT / "rigs", ROOT / "sessions" / "virtual-body.toml"
@@ -75,7 +80,7 @@ def test_a_law_beyond_the_bench_is_refused_before_the_load_acts_it(
     code = app.main(["run", str(session), "--no-live", "--out", str(tmp_path / "out")])
     printed = capsys.readouterr()
     assert code == ExitCode.EXPERIMENT_FAILED
-    assert "this bench cannot render 5e-05 kg*m^2 of mass: with a shaft that slides the load would" in printed.err
+    assert "this bench cannot render 5e-05 kg*m^2 of mass: with an actuator that slides the load would" in printed.err
     assert "it can " in printed.err
 
 
@@ -90,6 +95,35 @@ def test_a_law_beyond_the_bench_is_refused_before_the_load_acts_it(
 def test_rigs_that_cannot_render_are_told_so(rig: str, why: str) -> None:
     with pytest.raises(RigError, match=why):
         RenderProcedure(RenderOptions()).require(load_rig(RIGS / f"{rig}.toml"))
+
+
+def test_without_a_calibration_there_is_a_sentence() -> None:
+    step = RenderProcedure(RenderOptions(mass_kgm2=5e-4, damping_nms_rad=2e-2))
+    with pytest.raises(ExperimentError, match="run the step 'calibrate' before it"):
+        step.reductions(Knowledge(load_rig(RIGS / "sim-odrive.toml")))
+
+
+def test_a_law_of_ones_own_procedure_is_refused_too() -> None:
+    """Without offers while the drives are enabled: they would take seconds."""
+    known = Knowledge(load_rig(RIGS / "sim-odrive.toml"), calibration=calibrated(PlantSettings()))
+    allowed = only_rendered(known)
+
+    def segment(law: Admittance) -> Segment:
+        return Segment("own", "own", Use.PREPARE, np.zeros(10), LoadMode.ADMITTANCE, law)
+
+    good = segment(Admittance(5e-4, 2e-2))
+    assert allowed(good, None, 0.0, 0.0) is good
+    assert allowed(segment(ZERO_TORQUE), None, 0.0, 0.0).admittance == ZERO_TORQUE
+    with pytest.raises(ExperimentError, match=r"cannot render 0\.0005 kg\*m\^2 of mass: .* come to rest$"):
+        allowed(segment(Admittance(5e-4)), 0.1, 0.0, 0.0)
+
+
+def test_under_a_modulation_the_certificate_is_the_same() -> None:
+    known = Knowledge(load_rig(RIGS / "sim-odrive.toml"), calibration=calibrated(PlantSettings()))
+    step = RenderProcedure(RenderOptions(mass_kgm2=5e-4, damping_nms_rad=2e-2))
+    under = modulated(step, (0.0, 1.0))
+    assert isinstance(under, Reducing)
+    assert under.reductions(known) == step.reductions(known) != ()
 
 
 def test_the_law_is_read_with_its_units() -> None:
