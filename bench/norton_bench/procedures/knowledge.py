@@ -102,10 +102,11 @@ class Reporting(Protocol):
 
 @runtime_checkable
 class Reducing(Protocol):
-    """A procedure that makes its plan smaller where the rig's limits demand it."""
+    """A procedure that makes its plan smaller where the rig's limits demand it, or that promises something of it."""
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
-        """Sentences about what it makes smaller, and the cost of that; asked before it is carried out."""
+        """Sentences about what it makes smaller and the cost of that, or about what it was certified for; asked before
+        it is carried out. Raises ExperimentError where it cannot be."""
         ...
 
 
