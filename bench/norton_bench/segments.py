@@ -20,6 +20,10 @@ class LoadMode(Enum):
     ADMITTANCE = "admittance"  # the admittance law below
 
 
+# What a law consists of, in the order of Admittance.values, and its units.
+LAW_UNITS = {"mass": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad"}
+
+
 @dataclass(frozen=True)
 class Admittance:
     """The virtual dynamics imposed at the port: M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port.
@@ -34,9 +38,14 @@ class Admittance:
     rigid: bool = False
 
     @property
+    def values(self) -> tuple[float, float, float]:
+        """Mass, damping and stiffness."""
+        return self.mass_kgm2, self.damping_nms_rad, self.stiffness_nm_rad
+
+    @property
     def has_body(self) -> bool:
         """Whether it is neither of its two ends: a virtual body moves by it, which the load follows."""
-        return not self.rigid and (self.mass_kgm2, self.damping_nms_rad, self.stiffness_nm_rad) != (0.0, 0.0, 0.0)
+        return not self.rigid and any(self.values)
 
 
 ZERO_TORQUE = Admittance()

@@ -8,7 +8,7 @@ Zero torque and prescribed motion are its two ends; what lies between must be on
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import exp, floor, nan
+from math import exp, nan
 
 import numpy as np
 
@@ -68,16 +68,12 @@ class AdmittanceController:
 
     def __post_init__(self) -> None:
         c = self.calibration
-        self._whole = floor(c.drive_delay_s / self.tick_s)
-        into_tick_s = c.drive_delay_s - self._whole * self.tick_s
         design = self.design or _designed(c, self.tick_s)
         self._tracking, self._gains, self._anticipation = design.tracking, design.gains, design.anticipation
         self._regulator, self._estimator = self._tracking.regulator, Estimator(c, self.tick_s, self._tracking.observer)
         self._inertias_kgm2 = np.array([c.inertia_kgm2, c.actuator_inertia_kgm2 or c.inertia_kgm2])
-        self._feed = FeedForward(
-            c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, self._whole, self.torque_limit_nm
-        )
-        self._reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
+        self._feed = FeedForward.of(c, self.tick_s, self.torque_limit_nm)
+        self._reference = Reference.of(c, self.tick_s)
         self._body = VirtualBody(ZERO_TORQUE, self.tick_s)
         self._choose(None)
         self._compile()
@@ -86,7 +82,7 @@ class AdmittanceController:
     @property
     def lead_ticks(self) -> int:
         """How far ahead :meth:`update` wants to know the reference."""
-        return self._whole + 2
+        return self._feed.whole + 2
 
     def begin(
         self, sample: Sample, admittance: Admittance, *, leads: bool = False, mends_rad_s: float | None = None
@@ -262,6 +258,11 @@ class Reference:
     def __post_init__(self) -> None:
         self.path: FloatArray = np.zeros(3)
 
+    @classmethod
+    def of(cls, calibration: LoadCalibration, tick_s: float) -> "Reference":
+        """For the load, at the instants at which its commands arrive."""
+        return cls(calibration.inertia_kgm2, calibration.arrival(tick_s)[1] / tick_s)
+
     def begin(self, ahead: Target, contact_nm: float) -> None:
         """The contact starts out as the load's own."""
         self.path[:] = contact_nm, ahead.velocity_rad_s, ahead.acceleration_rad_s2
@@ -374,6 +375,12 @@ class FeedForward:
             for lasts_s in (self.tick_s, self.fraction_s, self.tick_s - self.fraction_s)
         )
         self.lag: FloatArray = np.array([self.gain, self.limit_nm, stays, stays_before, stays_after])
+
+    @classmethod
+    def of(cls, calibration: LoadCalibration, tick_s: float, limit_nm: float) -> "FeedForward":
+        """For the load's drive; ``limit_nm`` is that of a share."""
+        c, (whole, fraction_s) = calibration, calibration.arrival(tick_s)
+        return cls(c.torque_gain, c.amplifier_bandwidth_rad_s, tick_s, fraction_s, whole, limit_nm)
 
     def advance(self) -> None:
         """Let one tick pass."""

@@ -1,7 +1,7 @@
 """What the bench has measured of its own load drive and torque sensor: all that the controller is tuned from."""
 
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import floor, isfinite
 
 from norton_bench.errors import ExperimentError
 from norton_bench.models.network import NortonNetwork
@@ -107,6 +107,11 @@ class LoadCalibration:
     def drive_delay_s(self) -> float:
         """From a command to its effect, in the controller's frame of time."""
         return max(self.command_delay_s - self.shift_s, 0.0)
+
+    def arrival(self, tick_s: float) -> tuple[int, float]:
+        """When a command takes effect: so many ticks after the one at which it was sent, and so long into that [s]."""
+        whole = floor(self.drive_delay_s / tick_s)
+        return whole, self.drive_delay_s - whole * tick_s
 
     @property
     def shift_s(self) -> float:

@@ -217,8 +217,7 @@ class Estimator:
 
     def torque_nm(self) -> float:
         """The port torque now."""
-        c, x = self.calibration, self.states[0]
-        return float(c.sensor_stiffness_nm_rad * x[TWIST] + c.sensor_damping_nms_rad * x[TWIST_RATE])
+        return port_torque_nm(self.calibration, self.states[0])
 
     def use(self, observer: Observer, *, knows_friction: bool) -> None:
         """Go on with another observer of the same past; ``knows_friction``: the actuator's is no disturbance to it."""
@@ -317,6 +316,12 @@ class Estimator:
         self.states[:, OFFSET] = sample.position_rad - sample.load_position_rad - twist
         self._inputs[:] = 0.0
         self.seen = True
+
+
+def port_torque_nm(calibration: LoadCalibration, state: FloatArray) -> float:
+    """The torque of the sensor's spring and damper in a state (WIDTH,)."""
+    c = calibration
+    return float(c.sensor_stiffness_nm_rad * state[TWIST] + c.sensor_damping_nms_rad * state[TWIST_RATE])
 
 
 def friction_laws(calibration: LoadCalibration) -> FloatArray:

@@ -15,7 +15,7 @@ from cmath import phase
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import floor, inf, log, nan, pi, sqrt
+from math import inf, log, nan, pi, sqrt
 
 import numpy as np
 
@@ -33,20 +33,20 @@ from norton_bench.control.design import (
     sticking_benches,
     unevenly_read,
 )
-from norton_bench.control.observer import WIDTH
-from norton_bench.control.regulator import POSITION, TWIST, TWIST_RATE, VELOCITY, SampledBench
+from norton_bench.control.observer import WIDTH, port_torque_nm
+from norton_bench.control.regulator import POSITION, VELOCITY, SampledBench
 from norton_bench.control.robustness import (
     Control,
     control_response,
     corrected,
-    growing,
     observing,
     sizes,
+    unstable_pole,
 )
 from norton_bench.control.torque_loop import KNOWN_TORQUE, with_contact
 from norton_bench.errors import ExperimentError
 from norton_bench.sample import Target
-from norton_bench.segments import Admittance
+from norton_bench.segments import LAW_UNITS, Admittance
 
 # The nearest law that can be rendered is looked for in so many steps of so much: over a factor of 1000.
 STEP, STEPS = 1.2, 40
@@ -62,19 +62,19 @@ BODY, PATH, FEED = 2, 3, 2  # what the running law remembers beside its shares
 class Rendering:
     """What a law comes to on a bench.
 
-    ``unstable`` names on what it is not stable, ``swings_hz`` the frequency that grows there; empty and NaN where it
-    can be rendered. It is stable with actuators of ``lightest_kgm2`` to ``heaviest_kgm2``, infinite where also with one
-    that is held. Only then is ``lacking_nms_rad`` the least damping that a passive actuator must have to be stable on
-    this port, whatever else it is, and ``lacking_hz`` the frequency that asks for it; else both are NaN.
+    ``unstable`` names on what it is not stable, ``oscillates_hz`` the frequency that grows there; empty and NaN where
+    it can be rendered. It is stable with actuators of ``lightest_kgm2`` to ``heaviest_kgm2``, infinite where also with
+    one that is held. Only then is ``needed_damping_nms_rad`` the least damping that a passive actuator must have to be
+    stable on this port, whatever else it is, and ``needed_at_hz`` the frequency that asks for it; else both are NaN.
     """
 
     law: Admittance
     unstable: str = ""
-    swings_hz: float = nan
+    oscillates_hz: float = nan
     lightest_kgm2: float = nan
     heaviest_kgm2: float = nan
-    lacking_nms_rad: float = nan
-    lacking_hz: float = nan
+    needed_damping_nms_rad: float = nan
+    needed_at_hz: float = nan
 
 
 @lru_cache(maxsize=64)
@@ -88,8 +88,8 @@ def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> R
     result = Rendering(law, lightest_kgm2=actuator_inertias(calibration)[0], heaviest_kgm2=laws.heaviest_kgm2())
     if result.heaviest_kgm2 < inf:
         return result
-    lacking_nms_rad, lacking_hz = laws.lacking()
-    return replace(result, lacking_nms_rad=lacking_nms_rad, lacking_hz=lacking_hz)
+    needed_damping_nms_rad, needed_at_hz = laws.needed_damping()
+    return replace(result, needed_damping_nms_rad=needed_damping_nms_rad, needed_at_hz=needed_at_hz)
 
 
 def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance, *, offers: bool = True) -> Rendering:
@@ -100,23 +100,16 @@ def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittanc
         return result
     raise ExperimentError(
         f"this bench cannot render {in_words(law)}: with {result.unstable} the load would swing at "
-        f"{result.swings_hz:.2g} Hz and not come to rest"
+        f"{result.oscillates_hz:.2g} Hz and not come to rest"
         + (f"; {_nearest(calibration, tick_s, law)}" if offers else "")
     )
 
 
 def in_words(law: Admittance) -> str:
     """The law with its units; what is zero is left out."""
-    parts = [
-        f"{value:.3g} {unit} of {name}"
-        for name, value, unit in (
-            ("mass", law.mass_kgm2, "kg*m^2"),
-            ("damping", law.damping_nms_rad, "N*m*s/rad"),
-            ("stiffness", law.stiffness_nm_rad, "N*m/rad"),
-        )
-        if value
-    ]
-    return ", ".join(parts) if parts else "zero torque"
+    named = zip(LAW_UNITS.items(), law.values, strict=True)
+    parts = [f"{value:.3g} {unit} of {name}" for (name, unit), value in named if value]
+    return ", ".join(parts) or "zero torque"
 
 
 def body_control(
@@ -153,25 +146,21 @@ class _Running:
 
     def matrix(self) -> FloatArray:
         """(1 + memory, WIDTH + commands + memory), column by column: the law is linear."""
-        whole = floor(self.calibration.drive_delay_s / self.tick_s)
+        whole = self.tracking.observer.whole
         size = WIDTH + (whole + 2) + (BODY + PATH + FEED + whole + 1)
         return np.stack([self._next(unit) for unit in np.eye(size)], axis=1)
 
     def _next(self, given: FloatArray) -> FloatArray:
-        c = self.calibration
-        whole = floor(c.drive_delay_s / self.tick_s)
-        into_tick_s = c.drive_delay_s - whole * self.tick_s
+        feed = FeedForward.of(self.calibration, self.tick_s, inf)
+        reference = Reference.of(self.calibration, self.tick_s)
         state, commands, remembered, path, delivered, shares = np.split(
-            given, np.cumsum([WIDTH, whole + 2, BODY, PATH, FEED])
+            given, np.cumsum([WIDTH, feed.whole + 2, BODY, PATH, FEED])
         )
         body = VirtualBody(self.law, self.tick_s)
         body.begin(float(remembered[0]), float(remembered[1]))
-        feed = FeedForward(c.torque_gain, c.amplifier_bandwidth_rad_s, self.tick_s, into_tick_s, whole, inf)
         feed.delivered[:], feed.shares[0], feed.shares[1:] = delivered, shares[0], shares
-        reference = Reference(c.inertia_kgm2, into_tick_s / self.tick_s)
         reference.path[:] = path
-        torque_nm = c.sensor_stiffness_nm_rad * state[TWIST] + c.sensor_damping_nms_rad * state[TWIST_RATE]
-        target = body.step(float(torque_nm), Target())
+        target = body.step(port_torque_nm(self.calibration, state), Target())
         wish_nm = followed(
             state[None].copy(),
             np.array([self.contact[POSITION] * state[POSITION], 0.0]),
@@ -203,7 +192,7 @@ class _Laws:
         for name, benches in self._benches():
             for bench in benches:
                 control = sticks if bench.load_spring_nm_rad > 0.0 else slides
-                pole = growing(bench, control, self.tick_s)
+                pole = unstable_pole(bench, control, self.tick_s)
                 if pole is not None:
                     return name, pole
         return None
@@ -231,12 +220,12 @@ class _Laws:
         held_kgm2 = HELD * max(heaviest, c.inertia_kgm2)
         while heaviest < held_kgm2:
             heavier = min(HEAVIER * heaviest, held_kgm2)
-            if any(growing(each, slides, self.tick_s) for each in of_inertias(nominal, (heavier,), self.tick_s)):
+            if any(unstable_pole(each, slides, self.tick_s) for each in of_inertias(nominal, (heavier,), self.tick_s)):
                 return heaviest
             heaviest = heavier
         return inf
 
-    def lacking(self) -> tuple[float, float]:
+    def needed_damping(self) -> tuple[float, float]:
         """By how much the real part of the port's impedance is negative at worst, and at which frequency [Hz]."""
         c, nominal = self.calibration, nominal_bench(self.calibration, self.tick_s)
         stuck = replace(
@@ -329,8 +318,8 @@ def _of_any_mass(law: Admittance, inertia_kgm2: float, tick_s: float) -> Iterato
 def _about(value: float, scale: float) -> Iterator[float]:
     """More than ``value`` and less, step by step farther away; from far below ``scale`` on where it is zero. Rounded as
     a sentence says it, so that just this is tried."""
+    start = value or scale / STEP ** (STEPS // 2)
     for n in range(1, STEPS):
-        start = value or scale / STEP ** (STEPS // 2)
         yield float(f"{start * STEP**n:.2g}")
         if value:
             yield float(f"{start / STEP**n:.2g}")

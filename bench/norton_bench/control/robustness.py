@@ -54,7 +54,7 @@ def margins(bench: SampledBench, control: Control, tick_s: float) -> Margins:
     return Margins(float(np.max(np.abs(poles))), float(np.max(1 / np.abs(1 - loop))))
 
 
-def growing(bench: SampledBench, control: Control, tick_s: float) -> complex | None:
+def unstable_pole(bench: SampledBench, control: Control, tick_s: float) -> complex | None:
     """The pole of what grows fastest from tick to tick in the closed loop; None where nothing does.
 
     The shafts' common drift is nothing that grows: its poles lie at 1, and rounding moves them a little.

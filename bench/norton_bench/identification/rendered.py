@@ -20,7 +20,7 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.load import fit_load
 from norton_bench.identification.trials import TAUGHT_HZ, in_band, seen
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.segments import Admittance
+from norton_bench.segments import LAW_UNITS, Admittance
 
 RENDER = "render"
 # Windows of so long, which overlap by half, and in each one function for every second multiple of 1 / WINDOW_S: the
@@ -30,9 +30,7 @@ WINDOW_S = 0.5
 DEPENDENT_WINDOWS = 2
 # Below that there are too few windows to know a deviation by.
 LEAST_S = 3.0
-MASS, DAMPING, STIFFNESS = range(3)
-UNKNOWN = 4  # beside them, the torque's zero with the place of the spring's
-LAW_UNITS = ("kg*m^2", "N*m*s/rad", "N*m/rad")
+UNKNOWN = 4  # mass, damping and stiffness, and the torque's zero with the place of the spring's
 Triple = tuple[float, float, float]
 
 Complex = npt.NDArray[np.complex128]
@@ -56,22 +54,16 @@ class Rendered:
     left_nm: float = nan
     shortcoming: str = ""
 
-    @property
-    def wanted(self) -> Triple:
-        """The law asked for, in the order of ``measured``."""
-        return self.asked.mass_kgm2, self.asked.damping_nms_rad, self.asked.stiffness_nm_rad
-
 
 def name_of(law: Admittance) -> str:
     """What a segment is called in which this law is rendered: mass, damping and stiffness."""
-    values = law.mass_kgm2, law.damping_nms_rad, law.stiffness_nm_rad
-    return ", ".join(f"{value!r} {unit}" for value, unit in zip(values, LAW_UNITS, strict=True))
+    return ", ".join(f"{value!r} {unit}" for value, unit in zip(law.values, LAW_UNITS.values(), strict=True))
 
 
 def law_of(segment: SegmentInfo) -> Admittance | None:
     """The law by a segment's name; None where it renders none."""
     parts = [part.split(" ") for part in segment.name.split(", ")]
-    if segment.procedure != RENDER or [part[-1] for part in parts] != list(LAW_UNITS):
+    if segment.procedure != RENDER or [part[-1] for part in parts] != list(LAW_UNITS.values()):
         return None
     mass_kgm2, damping_nms_rad, stiffness_nm_rad = (float(part[0]) for part in parts)
     return Admittance(mass_kgm2, damping_nms_rad, stiffness_nm_rad)
@@ -103,22 +95,22 @@ def _of_segment(measured: Measured, segment: SegmentInfo, asked: Admittance, lat
     columns, torque = _integrals(readings.load_position_rad, readings.torque_nm, late_s, tick_s)
     values, half = _solved(columns, torque)
     torque_nm = float(np.sqrt(np.mean(in_band(readings.torque_nm - np.mean(readings.torque_nm), tick_s) ** 2)))
-    power, law = float(np.sum(torque**2)), values[:3]
+    law = _triple(values)
+    off_nm, left_nm = (torque_nm * _share_left(columns, torque, each) for each in (asked.values, law))
+    return Rendered(asked, law, _triple(half), torque_nm, off_nm, left_nm)
 
-    def left_nm(law: FloatArray) -> float:
-        """What the law leaves, whatever the sensor's zero is."""
-        constant, rest = columns[..., -1], torque - columns[..., : law.size] @ law
-        rest = rest - constant * np.sum(constant * rest) / np.sum(constant**2)
-        return torque_nm * float(np.sqrt(np.sum(rest**2) / power)) if power > 0.0 else 0.0
 
-    return Rendered(
-        asked,
-        (float(law[MASS]), float(law[DAMPING]), float(law[STIFFNESS])),
-        (float(half[MASS]), float(half[DAMPING]), float(half[STIFFNESS])),
-        torque_nm,
-        left_nm(np.array([asked.mass_kgm2, asked.damping_nms_rad, asked.stiffness_nm_rad])),
-        left_nm(law),
-    )
+def _triple(values: FloatArray) -> Triple:
+    mass, damping, stiffness = values[:3].tolist()
+    return mass, damping, stiffness
+
+
+def _share_left(columns: FloatArray, torque: FloatArray, law: Triple) -> float:
+    """The share of the torque, rms, that a law does not explain, whatever the sensor's zero is."""
+    constant, rest = columns[..., -1], torque - columns[..., :-1] @ np.array(law)
+    rest = rest - constant * np.sum(constant * rest) / np.sum(constant**2)
+    power = float(np.sum(torque**2))
+    return float(np.sqrt(np.sum(rest**2) / power)) if power > 0.0 else 0.0
 
 
 def _integrals(

@@ -57,8 +57,8 @@ class RenderProcedure:
             return (f"{words} to {result.heaviest_kgm2:.2g}, {end}",)
         return (
             f"{words} or more, whose friction slides or sticks, and with one that is held; with any other passive one "
-            f"that has {result.lacking_nms_rad:.2g} N*m*s/rad of damping itself, which {result.lacking_hz:.3g} Hz ask "
-            "for",
+            f"that has {result.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which "
+            f"{result.needed_at_hz:.3g} Hz ask for",
         )
 
     def plan(self, known: Knowledge) -> Plan:

@@ -219,7 +219,7 @@ def rendered_sentence(result: Rendered) -> str:
 
 
 def _law(result: Rendered) -> Iterator[tuple[tuple[str, str, float], float, float, float]]:
-    return zip(LAW_PARTS, result.wanted, result.measured, result.half, strict=True)
+    return zip(LAW_PARTS, result.asked.values, result.measured, result.half, strict=True)
 
 
 def in_situ_sentence(result: InSituResult) -> str:

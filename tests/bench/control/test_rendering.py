@@ -166,7 +166,7 @@ def test_a_law_says_with_which_actuators_it_is_stable(law: Admittance) -> None:
     calibration = calibrated(PlantSettings())
     result = rendering(calibration, TICK_S, law)
     assert result.lightest_kgm2 < ACTUATOR.inertia < result.heaviest_kgm2 < 50 * ACTUATOR.inertia
-    assert np.isnan(result.lacking_nms_rad)
+    assert np.isnan(result.needed_damping_nms_rad)
     assert left_at_rest_nm(law, result.heaviest_kgm2 / ACTUATOR.inertia) < 1e-3
     assert left_at_rest_nm(law, 1000.0) > 0.1
 
@@ -209,7 +209,7 @@ def test_the_port_gives_back_no_more_energy_than_its_certificate_allows(law: Adm
     worst = int(np.argmin(shown))
     given_back = -shaken(settings, calibration, law, 20.0 + worst).real
     assert given_back == pytest.approx(-shown[worst], rel=0.1)
-    assert 0.0 < given_back < certificate.lacking_nms_rad
+    assert 0.0 < given_back < certificate.needed_damping_nms_rad
 
 
 def test_energy_that_came_back_is_what_body_and_spring_had_stored() -> None:

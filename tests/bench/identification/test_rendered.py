@@ -85,7 +85,7 @@ def one(measured: Measured) -> Rendered:
 def test_intervals_hold_the_law(law: Admittance, duration_s: float) -> None:
     """Of thirty records and three values each; the share that chance leaves in one of a thousand tests."""
     results = [one(readings(law, seed, duration_s)) for seed in range(30)]
-    true = np.array(results[0].wanted)
+    true = np.array(results[0].asked.values)
     errors = np.array([each.measured for each in results]) - true
     half = np.array([each.half for each in results])
     assert np.all(np.abs(errors[:, :2]) < [1e-4, 2e-3])
@@ -104,7 +104,7 @@ def test_what_the_law_leaves_is_the_noise_below_30_hz() -> None:
 def test_another_law_than_the_one_asked_for_leaves_torque() -> None:
     asked = Admittance(LAWS[0].mass_kgm2, 2 * LAWS[0].damping_nms_rad)
     result = one(named(readings(LAWS[0], 1), asked))
-    assert result.wanted == (5e-4, 4e-2, 0.0)
+    assert result.asked.values == (5e-4, 4e-2, 0.0)
     assert result.measured[1] == pytest.approx(2e-2, rel=0.02)
     assert result.off_nm > 5 * result.left_nm
 
