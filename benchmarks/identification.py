@@ -108,7 +108,7 @@ def noise(truth: Truth, stretches: tuple[Signals, ...], rig: Rig) -> bound.Noise
     travel_s = truth.transport.can_jitter_ns * 1e-9 / np.sqrt(3)
     if answers_commands:
         travel_s /= np.sqrt(2)
-    step_rad = max(2 * np.pi / truth.actuator.counts_per_turn, stretches[0].count_rad)
+    step_rad = max(2 * np.pi / truth.actuator.counts_per_turn, stretches[0].counts.width)
     return bound.Noise(
         truth.torque_sensor.noise_nm, step_rad / np.sqrt(12), travel_s if answers_commands else 0.0, travel_s
     )

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.joint_fit import solve_again
 from norton_bench.identification.kernels import Kernel
@@ -191,8 +191,8 @@ class Encoder:
 
     def with_errors(self) -> "Encoder":
         """With the errors that its own readings show; counts are told by what was read, and by nothing made of it."""
-        step_rad = resolution_rad(np.asarray(self.rows["position_rad"], dtype=np.float64))
-        return replace(self, errors=ReadingErrors.of(self.position, step_rad))
+        steps = resolution_of(np.asarray(self.rows["position_rad"], dtype=np.float64))
+        return replace(self, errors=ReadingErrors.of(self.position, steps))
 
     def along(self, truths: Sequence[SimulatedStretch]) -> tuple[FloatArray, FloatArray]:
         """Position and velocity at its readings, (n,) each, from its own zero; outside the stretches what it did read,
@@ -257,15 +257,15 @@ class Simulation:
     def _with_errors(self) -> "Simulation":
         """As measured, without what looks like the torque sensor's errors and is torque: commands that act between two
         readings, and ringing. A simulated record of even instants with the noise that was seen shows these as well."""
-        seen = ReadingErrors.of(self.torque, resolution_rad(self.torque.value))
+        seen = ReadingErrors.of(self.torque, resolution_of(self.torque.value))
         bench, random = replace(self, encoder=self.encoder.with_errors()), np.random.default_rng(0)
         port_nm = bench._at_port(random)
         even = replace(bench, torque_errors=replace(seen, jitter_s=0.0))
-        shown = ReadingErrors.of(replace(self.torque, value=even._read_torque(port_nm, random)), seen.step)
+        shown = ReadingErrors.of(replace(self.torque, value=even._read_torque(port_nm, random)), seen.steps)
         noise_nm = float(np.sqrt(max(2.0 * seen.noise**2 - shown.noise**2, 0.0)))
         jitter_s = float(np.sqrt(max(seen.jitter_s**2 - shown.jitter_s**2, 0.0)))
         variance_std = float(np.hypot(seen.variance_std, shown.variance_std))
-        errors = ReadingErrors(noise_nm, seen.step, jitter_s, variance_std)
+        errors = ReadingErrors(noise_nm, seen.steps, jitter_s, variance_std)
         rate_nm_s = np.gradient(port_nm, self.torque.time_s)[self._is_simulated]
         return replace(bench, torque_errors=errors.no_more_than(self._left_nm2, rate_nm_s))
 

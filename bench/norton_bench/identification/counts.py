@@ -1,9 +1,12 @@
-"""Encoder counts: the step in which positions are read, and a smooth motion that agrees with every reading."""
+"""Encoder counts: the steps in which positions are read, and a smooth motion that agrees with every reading."""
 
+from dataclasses import dataclass
 from functools import cache
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import next_fast_len
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from norton_bench.arrays import FloatArray
@@ -44,6 +47,42 @@ PERIODS, PERIODS_TRIED = (0.95, 1.6), 1301
 # Steps rounded to half a count have a coherence of sinc²(0.5) = 0.41; of no counts at all, one near nil.
 COHERENT = 0.35
 ROUNDED = 0.05
+# Counts behind a message's steps are sought within so many steps, and where one in fifty or more is never read.
+WIDEST = 2**18
+LEAST_SKIPPED = 0.02
+# A pattern of steps that are never read is as strong as it must be to within this share, and so many times as strong as
+# by chance.
+LIKE, TELLING_LINE = 0.3, 8.0
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The steps in which values come: a device's counts, and those to which its messages round them once more.
+
+    Zero where none can be seen. A smaller of the two is not seen where all of its steps are within one of the other.
+    """
+
+    count: float = 0.0
+    rounding: float = 0.0
+
+    @property
+    def width(self) -> float:
+        """Within which the true value lies, about a reading."""
+        return self.count + self.rounding
+
+    @property
+    def variance(self) -> float:
+        """Of a reading's error, over many places."""
+        return (self.count**2 + self.rounding**2) / 12.0
+
+    def read(self, values: FloatArray, zero: float | FloatArray = 0.0) -> FloatArray:
+        """Readings of values (n,), where counts begin at ``zero`` before the origin."""
+        if self.count > 0.0:
+            values = np.round((values + zero) / self.count) * self.count - zero
+        return values if self.rounding == 0.0 else np.asarray(np.round(values / self.rounding) * self.rounding)
+
+
+NO_STEPS = Resolution()
 
 
 # Undoing an encoder's counts: a smooth motion that agrees with every reading.
@@ -53,17 +92,18 @@ ROUNDED = 0.05
 # the way too long, and a low-pass that is too heavy makes it too short. So every stretch is smoothed as heavily as
 # its counts allow: by the longest low-pass, exact on cubics, whose result differs from the readings and from all
 # shorter ones by no more than counting errors explain (Lepski's rule). What is returned never leaves the steps.
-def resolution_rad(position_rad: FloatArray) -> float:
-    """The step in which positions come [rad]; 0 where none can be seen.
+def resolution_of(values: FloatArray) -> Resolution:
+    """The steps in which values come, such as positions [rad].
 
     Counts that were rounded once more, as where a message carries an angle in hundredths of a degree, come in steps
-    of unlike size. The step is then the one with which they agree best (the greatest coherence of 2π steps/p), and
-    what the rounding adds: a reading's error lies within half of both.
+    of unlike size. The count is then the step with which they agree best (the greatest coherence of 2π steps/p), and
+    the rounding what makes them differ from it. Where a message's steps are half a count or more, all differences are
+    of whole steps: then some steps are never read, and the pattern of these tells the count (``_count_behind``).
     """
-    steps = np.abs(np.diff(position_rad))
+    steps = np.abs(np.diff(values))
     steps = np.sort(steps[steps > SMALLEST_STEP_RAD])
     if steps.size < FEWEST_STEPS:
-        return 0.0
+        return NO_STEPS
     # Rounding to a float32 makes equal steps differ a little: the smallest group, not the smallest number.
     least = float(np.median(steps[steps < 1.1 * steps[steps.size // 200]]))
     small = steps[steps < TELLING_STEPS * least]
@@ -72,12 +112,38 @@ def resolution_rad(position_rad: FloatArray) -> float:
     coherence = np.cos(2 * np.pi * np.outer(1.0 / trial, places / PLACES)) @ times / small.size
     step = least * float(trial[np.argmax(coherence)])
     if small.size < FEWEST_STEPS or np.max(coherence) < COHERENT:
-        return 0.0
+        return NO_STEPS
     multiple = np.maximum(np.round(small / step), 1)
     step = float((small @ multiple) / (multiple @ multiple))
     # The difference of two errors, each anywhere within ± half of the rounding: its variance is a sixth of the square.
     rounding = float(np.sqrt(6.0 * np.mean((small - multiple * step) ** 2)))
-    return step + (rounding if rounding > ROUNDED * step else 0.0)
+    if rounding > ROUNDED * step:
+        return Resolution(step, rounding)
+    return _count_behind(values, step)
+
+
+def _count_behind(values: FloatArray, step: float) -> Resolution:
+    """Of values that are whole ``step``s: the counts that these round, of one to two steps.
+
+    Counts c rounded to steps r are never read at one step in 1/f, f = 1 - r/c. So where values were read repeats with
+    f, and the k-th harmonic of what repeats has the strength |sinc(k r/c)|: all counts have the same phase in it, but
+    for the rounding, which is anywhere within a step. Where c is a simple fraction of r the rounding is not anywhere,
+    and harmonics are stronger.
+    """
+    places = np.unique(np.round((values - np.median(values)) / step).astype(np.int64))
+    places = places[np.abs(places) < WIDEST // 2]
+    size = 2 * next_fast_len(int(np.ptp(places)) + 1, real=True)  # lines between two frequencies show as well
+    strength = np.abs(np.fft.rfft(np.bincount(places - places[0]), size)) / places.size
+    skipped = np.arange(ceil(LEAST_SKIPPED * size), size // 2 + 1)
+    first, second = (np.abs(np.sinc(harmonic * (1.0 - skipped / size))) for harmonic in (1, 2))
+    seen, again = strength[skipped], strength[np.minimum(2 * skipped, size - 2 * skipped)]
+    by_chance = 1.0 / np.sqrt(places.size)
+    like = (seen > TELLING_LINE * by_chance) & (np.abs(seen - first) < LIKE * first)
+    like &= again > (1.0 - LIKE) * second - 2.0 * by_chance
+    if not like.any():
+        return Resolution(step)
+    skips = skipped[like][np.argmax(seen[like])] / size
+    return Resolution(step / (1.0 - float(skips)), step)
 
 
 def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from norton_bench.identification.averages import (
     swept,
     torque_in,
 )
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import HOLD, READ, TABULATE_IMPEDANCE, Use
@@ -204,7 +204,7 @@ def exertion_table(measured: Measured, tick_s: float) -> ExertionTable:
         segment.procedure == TABULATE_IMPEDANCE and segment.name.startswith(HOLD) for segment in measured.segments
     ):
         raise ExperimentError(f"no exertion was tabulated: run the step '{TABULATE_IMPEDANCE}'")
-    count_rad = resolution_rad(measured.motion["position_rad"])
+    count_rad = resolution_of(measured.motion["position_rad"]).width
     load = _load(measured, tick_s)
     held, shaken, sources, ways = list[Held](), list[Shaken](), dict[Setting, Mean](), list[Swept | None]()
     for segment in measured.segments:

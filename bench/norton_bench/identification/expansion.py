@@ -286,7 +286,7 @@ class Expansion:
             knots_s=knots_s,
             noise_nm2=float(np.average(noise, axis=0, weights=weights) @ regression.carried(at.linear)),
             unknown_nm2=_unknown(slopes[2:4], fitted[0].tick_s, at.band)
-            + _within_counts(at, -columns[COULOMB], velocity, max(each.count_rad for each in fitted)),
+            + _within_counts(at, -columns[COULOMB], velocity, max(each.counts.variance for each in fitted)),
         )
 
     @property
@@ -353,10 +353,10 @@ def _unknown(slopes: FloatArray, tick_s: float, band: Kernel) -> float:
     return float(np.sum(np.mean(slopes**2, axis=1))) * tick_s**2 / 12 * band.energy(0)
 
 
-def _within_counts(at: Linearised, friction: FloatArray, velocity: FloatArray, count_rad: float) -> float:
+def _within_counts(at: Linearised, friction: FloatArray, velocity: FloatArray, counts_rad2: float) -> float:
     """The variance that places make which lie anywhere within a count: the contact is as stiff there as dh/dx says."""
     slope = at.network.presliding_stiffness_nm_rad * (1.0 - np.sign(velocity) * friction)
-    return float(np.mean(slope**2)) * count_rad**2 / 12
+    return float(np.mean(slope**2)) * counts_rad2
 
 
 @dataclass(frozen=True)

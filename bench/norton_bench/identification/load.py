@@ -12,7 +12,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import NOTHING_FOUND, Findings, clean
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.coupling import Coupling
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.kernels import FULL_BAND
@@ -63,7 +63,7 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     spring = _spring(load, actuator, result.motion_delay_s)
     # Of the coarser: a controller must not take the other's steps for a twist.
     both = measured.load_motion, measured.motion
-    step_rad = max(resolution_rad(table["position_rad"]) for table in both)
+    step_rad = max(resolution_of(table["position_rad"]).width for table in both)
     jitter_s = max(float(np.std(travel_times_s(table))) for table in both)
     return LoadFit(result, *spring, -result.torque_bias_nm, step_rad, jitter_s, weight_of(result))
 

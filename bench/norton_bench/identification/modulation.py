@@ -8,7 +8,7 @@ import numpy as np
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import COMMAND_DECIMALS, Mean, Setting
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.records import Measured
@@ -68,7 +68,7 @@ def modulator_places(measured: Measured) -> ModulatorPlaces:
     if not result:
         raise ExperimentError('no modulation was held: give a step one, such as modulation = "2 N*m/rad"')
     way_rad = float(np.ptp([place for places in result.values() for place in places]))
-    same_rad = max(SAME_SHARE * way_rad, SAME_COUNTS * resolution_rad(measured.modulator_motion["position_rad"]))
+    same_rad = max(SAME_SHARE * way_rad, SAME_COUNTS * resolution_of(measured.modulator_motion["position_rad"]).width)
     return ModulatorPlaces(tuple(Stood(each, tuple(result[each])) for each in sorted(result)), same_rad)
 
 

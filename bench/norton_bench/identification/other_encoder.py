@@ -17,7 +17,6 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.bootstrap import ErrorsSeen, Readings, Simulation, stated_energy
-from norton_bench.identification.counts import UNIFORM_DEVIATION
 from norton_bench.identification.joint_fit import solve_again
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.motor_values import covariance_of, physical
@@ -95,10 +94,7 @@ def matters(solution: Solution) -> bool:
 
 def counts_energy(stretches: Sequence[Signals], kernel: Kernel) -> float:
     """Of the acceleration, from errors anywhere within a count."""
-    alone = [
-        replace(each, position_noise=(UNIFORM_DEVIATION * each.count_rad) ** 2 * each.position_period_s)
-        for each in stretches
-    ]
+    alone = [replace(each, position_noise=each.counts.variance * each.position_period_s) for each in stretches]
     return stated_energy(tuple(alone), kernel)
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from norton_bench.arrays import FloatArray
+from norton_bench.identification.counts import NO_STEPS, Resolution
 from norton_bench.identification.readings import (
     MEDIAN_OF_NORMAL,
     NOISE_FEWEST_BLOCKS,
@@ -24,58 +25,56 @@ LINE_ROUNDS, NEAR = 30, 1e-2
 
 @dataclass(frozen=True)
 class ReadingErrors:
-    """Errors of one stream's readings, as measured: independent noise, a step in which values come, and how far the
+    """Errors of one stream's readings, as measured: independent noise, the steps in which values come, and how far the
     instants at which they are taken scatter.
 
     ``variance_std`` is the standard error of the noise's variance.
     """
 
     noise: float
-    step: float
+    steps: Resolution
     jitter_s: float
     variance_std: float = 0.0
 
     @classmethod
-    def of(cls, stream: TimeSeries, step: float) -> "ReadingErrors":
+    def of(cls, stream: TimeSeries, steps: Resolution) -> "ReadingErrors":
         """The variance of a reading's error is a + b·rate²: b is that of its instant."""
         squares = np.diff(stream.value, NOISE_ORDER) ** 2 / NOISE_VARIANCE
         rate = np.gradient(stream.value, stream.time_s)[NOISE_ORDER // 2 : -(NOISE_ORDER // 2)]
         count = squares.size // BLOCK
         if count < NOISE_FEWEST_BLOCKS:
-            return cls(0.0, step, 0.0)
+            return cls(0.0, steps, 0.0)
         blocks = squares[: count * BLOCK].reshape(count, BLOCK)
         # The median passes over shocks; for normal errors it is this much of the mean.
         power = np.median(blocks, axis=1) / NORMAL_MEDIAN_SQUARE
         speed = np.mean(rate[: count * BLOCK].reshape(count, BLOCK) ** 2, axis=1)
         constant, slope, constant_std = _line(speed, power)
-        return cls(float(np.sqrt(max(constant - step**2 / 12, 0.0))), step, float(np.sqrt(slope)), constant_std)
+        noise = float(np.sqrt(max(constant - steps.variance, 0.0)))
+        return cls(noise, steps, float(np.sqrt(slope)), constant_std)
 
     @property
     def known_to(self) -> float:
         """The standard error of the variance of a reading at rest, over that variance."""
-        variance = self.noise**2 + self.step**2 / 12
+        variance = self.noise**2 + self.steps.variance
         return self.variance_std / variance if variance > 0.0 else 0.0
 
     def no_more_than(self, variance: float, rate: FloatArray) -> "ReadingErrors":
         """The same with noise and jitter so small that readings which change at ``rate`` (n,) have no greater variance,
-        in the mean; the step stays."""
-        own, most = self.noise**2 + self.jitter_s**2 * float(np.mean(rate**2)), max(variance - self.step**2 / 12, 0.0)
+        in the mean; the steps stay."""
+        own, most = self.noise**2 + self.jitter_s**2 * float(np.mean(rate**2)), max(variance - self.steps.variance, 0.0)
         if own <= most:
             return self
         share = float(np.sqrt(most / own))
-        return ReadingErrors(share * self.noise, self.step, share * self.jitter_s, share**2 * self.variance_std)
+        return ReadingErrors(share * self.noise, self.steps, share * self.jitter_s, share**2 * self.variance_std)
 
     def drawn(self, values: FloatArray, rate: FloatArray, random: np.random.Generator) -> FloatArray:
         """Readings of ``values`` (n,), which change at ``rate`` (n,)."""
         read = values + self.jitter_s * rate * random.standard_normal(values.size)
         read += self.noise * random.standard_normal(values.size)
-        if self.step == 0.0:
-            return read
-        zero = self.step * random.uniform()
-        return np.asarray(np.round((read + zero) / self.step) * self.step - zero)
+        return self.steps.read(read, self.steps.count * random.uniform()) if self.steps.count > 0.0 else read
 
 
-NO_ERRORS = ReadingErrors(0.0, 0.0, 0.0)
+NO_ERRORS = ReadingErrors(0.0, NO_STEPS, 0.0)
 
 
 def _line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:

@@ -127,8 +127,8 @@ class Regression:
 
     @property
     def count_rad(self) -> float:
-        """The greatest step in which positions are read; 0 where none can be seen."""
-        return max(rows.signals.count_rad for rows in self.rows)
+        """The greatest width of the steps in which positions are read; 0 where none can be seen."""
+        return max(rows.signals.counts.width for rows in self.rows)
 
     @property
     def middle_s(self) -> float:

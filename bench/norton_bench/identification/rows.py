@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification import loops
-from norton_bench.identification.counts import REACH, unquantised
+from norton_bench.identification.counts import REACH, Resolution, unquantised
 from norton_bench.identification.fed_back import fed_back, fed_back_of, position_errors
 from norton_bench.identification.kernels import FULL_BAND, Kernel
 from norton_bench.identification.shape import Shape
@@ -54,23 +54,22 @@ def friction_error(signals: Signals, s_per_rad: float) -> FloatArray | None:
 
     How much too great the friction's share h is along ``path_rad``, shape (n · FINE,); None without counts.
     """
-    if signals.smoothed is None or signals.count_rad == 0.0 or signals.smoothed.value.size <= 2 * REACH:
+    if signals.smoothed is None or signals.counts.width == 0.0 or signals.smoothed.value.size <= 2 * REACH:
         return None
     smoothed = signals.smoothed
     own, *again = (
         loops.friction_path(path, s_per_rad, NO_RESTS)[0]
-        for path in (smoothed.value, *_counted_again(smoothed, signals.count_rad))
+        for path in (smoothed.value, *_counted_again(smoothed, signals.counts))
     )
     fine_s = signals.time_s[0] + np.arange(signals.path_rad.size) * (signals.tick_s / FINE)
     return np.asarray(np.interp(fine_s, smoothed.time_s, np.mean(again, axis=0) - own))
 
 
-def _counted_again(smoothed: TimeSeries, count_rad: float) -> Iterator[FloatArray]:
+def _counted_again(smoothed: TimeSeries, counts: Resolution) -> Iterator[FloatArray]:
     wander = WANDERS_COUNTS_S * smoothed.time_s + SWAYS_COUNTS * np.sin(smoothed.time_s)
     for draw in range(COUNTED_DRAWS):
-        zero_rad = count_rad * (wander + draw / COUNTED_DRAWS)
-        read_rad = np.round((smoothed.value + zero_rad) / count_rad) * count_rad
-        yield unquantised(read_rad, count_rad) - zero_rad
+        moved_rad = counts.count * (wander + draw / COUNTED_DRAWS)
+        yield unquantised(counts.read(smoothed.value + moved_rad), counts.width) - moved_rad
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from norton_bench.arrays import BoolArray, FloatArray, IntArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.counts import UNIFORM_DEVIATION, moving, resolution_rad, unquantised
+from norton_bench.identification.counts import NO_STEPS, Resolution, moving, resolution_of, unquantised
 from norton_bench.identification.fed_back import near_limit
 from norton_bench.identification.kernels import TABLE_PER_UNIT, Kernel
 from norton_bench.identification.readings import noise_deviation, nominal_period_s, sampled_at_s, taken_late_s
@@ -80,11 +80,10 @@ class Signals:
     position_noise: float = 0.0  # spectral density of the readings' own errors [rad²/Hz], two-sided
     torque_noise: float = 0.0  # [N² m²/Hz]
     position_period_s: float = 0.0  # between two readings
-    position_step_rad: float = 0.0  # between two counts; 0 where none can be seen
     torque_period_s: float = 0.0
     torque_averaging_s: float = 0.0  # over which the sensor itself averages, or how old its held readings may be
     smoothed: "TimeSeries | None" = None
-    count_rad: float = 0.0  # the step in which positions are read; 0 where none can be seen
+    counts: Resolution = NO_STEPS  # in which positions are read
     released_at_zero: bool = False  # the drive: as in records.Chain
     servo: Servo | None = None  # its own loop, likewise
 
@@ -100,8 +99,8 @@ def signals(
     if not len(motion) or not len(measured.ticks):
         raise ExperimentError(f"no motion of the {port.value} was recorded: run an experiment that moves it")
     origin_ns = int(measured.ticks["tick_ns"][0])
-    count_rad = resolution_rad(np.asarray(motion["position_rad"], dtype=np.float64))
-    streams = _streams(measured, motion, port, origin_ns, count_rad)
+    counts = resolution_of(np.asarray(motion["position_rad"], dtype=np.float64))
+    streams = _streams(measured, motion, port, origin_ns, counts)
     runs_s = [(measured.ticks["tick_ns"] - origin_ns) * 1e-9]
     runs_s += [stream.time_s for name, stream in streams.items() if name != "current"]
     if of_both:
@@ -149,7 +148,7 @@ class TimeSeries:
     time_s: FloatArray
     value: FloatArray
     period_s: float
-    step: float = 0.0  # in which values come; 0 where none can be seen
+    steps: Resolution = NO_STEPS  # in which values come
 
     def at(self, grid_s: FloatArray) -> FloatArray:
         """Interpolated, band-limited; a straight line where readings are missing."""
@@ -194,13 +193,15 @@ class TimeSeries:
         return covered
 
 
-def _streams(measured: Measured, motion: Table, port: Port, origin_ns: int, count_rad: float) -> dict[str, TimeSeries]:
+def _streams(
+    measured: Measured, motion: Table, port: Port, origin_ns: int, counts: Resolution
+) -> dict[str, TimeSeries]:
     position = positions_of(motion, origin_ns)
-    smooth = unquantised(position.value, count_rad)
+    smooth = unquantised(position.value, counts.width)
     streams = {
-        "position": replace(position, step=count_rad),
+        "position": replace(position, steps=counts),
         "path": replace(position, value=smooth),
-        "moving": replace(position, value=moving(smooth, count_rad).astype(float)),
+        "moving": replace(position, value=moving(smooth, counts.width).astype(float)),
     }
     torque = measured.torque[measured.torque["valid"]]
     if len(torque):
@@ -308,11 +309,10 @@ def _stretch(
         position_noise=_density_of_counts(streams["position"], streams["path"].value, time_s, usable),
         torque_noise=0.0 if torque is None else _density(torque, time_s, usable),
         position_period_s=streams["position"].period_s,
-        position_step_rad=streams["position"].step,
         torque_period_s=0.0 if torque is None else torque.period_s,
         torque_averaging_s=measured.chain.torque_averaging_s,
         smoothed=streams["path"].between(start_s - LONGEST_GAP_S, end_s + LONGEST_GAP_S),
-        count_rad=streams["position"].step,
+        counts=streams["position"].steps,
         released_at_zero=port.value in measured.chain.released_at_zero,
         servo=servo,
     )
@@ -379,11 +379,11 @@ def _density_of_counts(position: TimeSeries, path_rad: FloatArray, time_s: Float
     was gone, which has the other errors still in it, is taken off, and their variance put in its place. Noise of less
     than a count may hide behind that.
     """
-    if position.step == 0.0:
+    if position.steps == NO_STEPS:
         return _density(position, time_s, usable)
-    chosen, counted = _used(position, time_s, usable), position.step * np.round(path_rad / position.step)
+    chosen, counted = _used(position, time_s, usable), position.steps.read(path_rad)
     seen, left, shown = (noise_deviation(each, chosen) ** 2 for each in (position.value, path_rad, counted))
-    variance = max(seen - max(shown - left, 0.0), 0.0) + (UNIFORM_DEVIATION * position.step) ** 2
+    variance = max(seen - max(shown - left, 0.0), 0.0) + position.steps.variance
     return float(variance * position.period_s)
 
 

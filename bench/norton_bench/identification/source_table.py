@@ -17,7 +17,7 @@ from norton_bench.identification.averages import (
     torque_in,
     velocity_of,
 )
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import READ, TABULATE_SOURCE
 
@@ -118,7 +118,7 @@ class _Reading:
 
 def source_table(measured: Measured) -> SourceTable:
     """From every reading that was made. Raises ExperimentError where there is none."""
-    count_rad = resolution_rad(measured.motion["position_rad"]) if len(measured.motion) else 0.0
+    count_rad = resolution_of(measured.motion["position_rad"]).width if len(measured.motion) else 0.0
     readings = [each for each in _readings(measured, count_rad) if np.isfinite(each.position.value)]
     if not readings:
         raise ExperimentError(f"no source was tabulated: run the step '{TABULATE_SOURCE}'")

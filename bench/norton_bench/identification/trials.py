@@ -13,7 +13,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.counts import resolution_rad, unquantised
+from norton_bench.identification.counts import resolution_of, unquantised
 from norton_bench.identification.readings import noise_deviation
 from norton_bench.identification.signals import INTERPOLATION, stream_of
 from norton_bench.records import Measured, SegmentInfo, Table
@@ -175,7 +175,7 @@ def _band(size: int, tick_s: float) -> FloatArray:
 
 def _position(table: Table, segment: SegmentInfo, at_s: FloatArray, what: str) -> FloatArray:
     """Counts undone: what friction holds minds every one of them."""
-    step_rad = resolution_rad(table["position_rad"]) if len(table) else 0.0
+    step_rad = resolution_of(table["position_rad"]).width if len(table) else 0.0
     smooth = table.copy()
     if len(table):
         smooth["position_rad"] = unquantised(np.ascontiguousarray(table["position_rad"]), step_rad)

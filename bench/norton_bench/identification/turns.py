@@ -44,7 +44,7 @@ class Turns:
         way = np.diff(path, prepend=path[0])
         # dh = s (1 - h sgn ω) dθ: an error of θ that lasts leaves what this slope changes by.
         slope = s_per_rad * (1.0 - share * np.sign(way))
-        hidden_rad = UNKNOWN_COUNTS[-1] * signals.count_rad
+        hidden_rad = UNKNOWN_COUNTS[-1] * signals.counts.width
         near = _near_turns(way, hidden_rad + SLIDES_AFTER / s_per_rad, hidden_rad, reach_ticks)
         return cls(np.abs(way), np.diff(slope, prepend=slope[0]) ** 2, near)
 

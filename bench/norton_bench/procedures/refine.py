@@ -11,7 +11,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.counts import resolution_rad
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.expansion import (
     Linearised,
     deviations,
@@ -170,7 +170,7 @@ class _View:
             known=there,
             at=at,
             noise_nm=noise_nm,
-            resolution_rad=resolution_rad(record.motion["position_rad"]),
+            resolution_rad=resolution_of(record.motion["position_rad"]).width,
             bounds=PlanBounds(known.rig, result.network, known.calibration, travel_left_rad((record,), known.rig)),
             recorded_s=result.samples * known.tick_s,
         )

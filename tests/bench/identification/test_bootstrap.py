@@ -7,6 +7,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from norton_bench.identification.bootstrap import Readings, Scatter, Simulation, scatter_of
+from norton_bench.identification.counts import NO_STEPS, Resolution
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import PHYSICAL, physical
@@ -32,7 +33,7 @@ def stream(noise: float, step: float, jitter_s: float, seed: int = 3) -> TimeSer
 
 @pytest.mark.parametrize(("noise", "step", "jitter_s"), [(1e-4, 0.0, 0.0), (1e-4, 2e-4, 0.0), (0.0, 2e-4, 3e-5)])
 def test_errors_of_readings_are_told_from_the_readings(noise: float, step: float, jitter_s: float) -> None:
-    found = ReadingErrors.of(stream(noise, step, jitter_s), step)
+    found = ReadingErrors.of(stream(noise, step, jitter_s), Resolution(step))
     # 600 blocks tell each variance to 6 %; a shock-proof median of a hundred squares adds 2 % of bias.
     assert found.noise == pytest.approx(noise, rel=0.1, abs=2e-5)
     assert found.jitter_s == pytest.approx(jitter_s, rel=0.1, abs=3e-6)
@@ -44,7 +45,7 @@ def test_motion_too_fast_for_the_readings_is_no_noise_where_it_is_at_times_only(
     still = stream(noise, 0.0, jitter_s)
     rings = np.sin(0.02 * still.time_s) > np.sqrt(0.5)
     ringing = np.where(rings, 30.0 * noise * np.cos(np.pi * np.arange(still.value.size)), 0.0)
-    found = ReadingErrors.of(replace(still, value=still.value + ringing), 0.0)
+    found = ReadingErrors.of(replace(still, value=still.value + ringing), NO_STEPS)
     # The line through the quiet blocks has a quarter more of them above it than below: a third of their scatter.
     assert found.noise == pytest.approx(noise, rel=0.15)
     assert found.jitter_s == pytest.approx(jitter_s, rel=0.15, abs=5e-6)
@@ -52,33 +53,33 @@ def test_motion_too_fast_for_the_readings_is_no_noise_where_it_is_at_times_only(
 
 def test_blocks_in_which_counts_hide_all_tell_nothing_of_uneven_instants() -> None:
     """A shaft that rests for a third of the time: no reading differs from the one before."""
-    errors, step, random = ReadingErrors(0.0, 2e-4, 3e-5), 2e-4, np.random.default_rng(3)
+    errors, step, random = ReadingErrors(0.0, Resolution(2e-4), 3e-5), 2e-4, np.random.default_rng(3)
     time_s = np.arange(60_000) * TICK_S
     moves = np.sin(0.3 * time_s) > -0.5
     path = np.cumsum(np.where(moves, 20.0 * np.sin(3.0 * time_s), 0.0)) * TICK_S
     read = np.where(moves, errors.drawn(path, np.gradient(path, time_s), random), np.round(path / step) * step)
-    found = ReadingErrors.of(TimeSeries(time_s, read, TICK_S), step)
+    found = ReadingErrors.of(TimeSeries(time_s, read, TICK_S), errors.steps)
     # Slow blocks, in which counts alternate, tell less than the average of the others.
     assert found.jitter_s == pytest.approx(3e-5, rel=0.2)
 
 
 def test_errors_are_no_greater_than_a_variance_allows() -> None:
-    errors, rate = ReadingErrors(2e-3, 1e-3, 1e-4, variance_std=1e-7), np.array([-30.0, 10.0])
+    errors, rate = ReadingErrors(2e-3, Resolution(1e-3), 1e-4, variance_std=1e-7), np.array([-30.0, 10.0])
     variance = 2e-3**2 + 1e-3**2 / 12 + 1e-4**2 * 500.0
     assert errors.no_more_than(1.01 * variance, rate) is errors
     less = errors.no_more_than(0.3 * variance, rate)
-    assert less.noise**2 + less.step**2 / 12 + less.jitter_s**2 * 500.0 == pytest.approx(0.3 * variance)
+    assert less.noise**2 + less.steps.variance + less.jitter_s**2 * 500.0 == pytest.approx(0.3 * variance)
     assert less.noise / less.jitter_s == pytest.approx(errors.noise / errors.jitter_s)
-    assert less.step == errors.step  # which readings show
+    assert less.steps == errors.steps  # which readings show
     assert less.variance_std / less.noise**2 == pytest.approx(errors.variance_std / errors.noise**2)
-    counted = errors.no_more_than(0.5 * errors.step**2 / 12, rate)
+    counted = errors.no_more_than(0.5 * errors.steps.variance, rate)
     assert (counted.noise, counted.jitter_s) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("jitter_s", [0.0, 3e-5])
 def test_how_well_the_noise_is_known_is_how_much_it_scatters(jitter_s: float) -> None:
     """Over 40 records, whose scatter is known to within 11 %: three deviations."""
-    found = [ReadingErrors.of(stream(1e-4, 0.0, jitter_s, seed), 0.0) for seed in range(40)]
+    found = [ReadingErrors.of(stream(1e-4, 0.0, jitter_s, seed), NO_STEPS) for seed in range(40)]
     variances = np.array([each.noise**2 for each in found])
     scatter = np.std(variances) / np.mean(variances)
     assert np.mean([each.known_to for each in found]) == pytest.approx(scatter, rel=0.35)
@@ -92,10 +93,10 @@ def test_a_spline_on_an_even_grid_is_the_interpolating_one() -> None:
 
 
 def test_readings_have_the_errors_that_they_are_given() -> None:
-    errors, random = ReadingErrors(noise=2e-3, step=1e-3, jitter_s=1e-4), np.random.default_rng(5)
+    errors, random = ReadingErrors(noise=2e-3, steps=Resolution(1e-3), jitter_s=1e-4), np.random.default_rng(5)
     rate = np.full(20_000, 10.0)
     read = errors.drawn(np.linspace(0.0, 50.0, rate.size), rate, random)
-    steps = np.diff(read) / errors.step
+    steps = np.diff(read) / errors.steps.count
     assert np.allclose(steps, np.round(steps), atol=1e-6)
     expected = np.sqrt(2e-3**2 + 1e-3**2 / 12 + (1e-4 * 10.0) ** 2)
     assert np.std(read - np.linspace(0.0, 50.0, rate.size)) == pytest.approx(expected, rel=0.02)
@@ -109,9 +110,9 @@ def test_simulated_torque_is_as_rough_as_the_readings_whatever_made_them_so() ->
     stretches = signals(measured, TICK_S, Use.IDENTIFY)
     bench = Simulation.of(Readings(measured, TICK_S, Use.IDENTIFY), stretches, solve(stretches))
     simulated = np.asarray(bench.record(np.random.default_rng(1)).torque["torque_nm"], dtype=np.float64)
-    seen = ReadingErrors.of(bench.torque, 0.0).noise
+    seen = ReadingErrors.of(bench.torque, NO_STEPS).noise
     # Medians of some 300 blocks tell each variance to 2 %, and three of them are compared.
-    assert ReadingErrors.of(replace(bench.torque, value=simulated), 0.0).noise == pytest.approx(seen, rel=0.06)
+    assert ReadingErrors.of(replace(bench.torque, value=simulated), NO_STEPS).noise == pytest.approx(seen, rel=0.06)
 
 
 # A stiff contact with fine encoders and a quiet sensor: readings at 1 kHz do not show how fast this shaft turns round.

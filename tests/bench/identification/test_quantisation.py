@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from norton_bench.identification.counts import resolution_rad, unquantised
+from norton_bench.identification.counts import NO_STEPS, Resolution, resolution_of, unquantised
 
 STEP = 2 * np.pi / 131072
 
@@ -22,13 +22,13 @@ def test_the_step_is_found(seed, step):
     turns = (read(angle, step) / (2 * np.pi)).astype(np.float32).astype(float)
     # A float32 in turns must resolve the step itself.
     if step / (2 * np.pi) > 20 * np.spacing(np.float32(np.max(np.abs(turns)))):
-        assert resolution_rad(turns * 2 * np.pi) == pytest.approx(step, rel=1e-2)
+        assert resolution_of(turns * 2 * np.pi).width == pytest.approx(step, rel=1e-2)
 
 
 def test_no_step_is_seen_where_there_is_none():
     rng = np.random.default_rng(0)
-    assert resolution_rad(np.cumsum(rng.normal(0, 1e-3, 3000))) == 0.0
-    assert resolution_rad(np.zeros(100)) == 0.0
+    assert resolution_of(np.cumsum(rng.normal(0, 1e-3, 3000))) == NO_STEPS
+    assert resolution_of(np.zeros(100)) == NO_STEPS
 
 
 @given(st.integers(0, 1000))
@@ -67,18 +67,69 @@ def test_a_shaft_at_rest_on_an_edge_does_not_travel(spread):
     assert np.abs(np.diff(unquantised(readings, STEP)))[100:-100].sum() < 0.1 * travelled
 
 
+ROUNDING = np.radians(0.02)  # a message that carries a fiftieth of a degree, as a VESC's
+
+
 @pytest.mark.parametrize("counts", [4096, 5000, 8192])
 def test_counts_that_were_rounded_once_more_are_seen(counts):
-    """A message that carries a fiftieth of a degree, as a VESC's: 0.349 mrad, and counts of 0.77 to 1.5 mrad."""
-    count, rounding = 2 * np.pi / counts, np.radians(0.02)
+    """Counts of 0.77 to 1.5 mrad."""
+    count = 2 * np.pi / counts
     time_s = np.arange(0, 20, 1e-3)
     motion = 3.0 * np.sin(0.7 * time_s) + 0.3 * np.sin(9.0 * time_s)
-    read = np.round(np.floor(motion / count) * count / rounding) * rounding
-    assert resolution_rad(read) == pytest.approx(count + rounding, rel=0.05)
-    assert np.max(np.abs(read + 0.5 * count - motion)) <= 0.5 * resolution_rad(read)
+    read = np.round(np.floor(motion / count) * count / ROUNDING) * ROUNDING
+    assert resolution_of(read).width == pytest.approx(count + ROUNDING, rel=0.05)
+    assert np.max(np.abs(read + 0.5 * count - motion)) <= 0.5 * resolution_of(read).width
+
+
+def driven(seed, seconds=60):
+    """A shaft that is turned and shaken, as in a session: sums of sines, slow turning, rests."""
+    rng, time_s = np.random.default_rng(seed), np.arange(0, seconds, 1e-3)
+    shaken = sum(
+        rng.uniform(0.5, 6.0) / frequency * np.sin(2 * np.pi * frequency * time_s + rng.uniform(0, 6))
+        for frequency in rng.uniform(0.3, 20.0, 6)
+    )
+    fast = np.where(time_s < seconds / 2, rng.uniform(0.1, 2.0) * time_s + shaken, 0.1 * shaken)
+    return np.where((time_s > 0.7 * seconds) & (time_s < 0.8 * seconds), 0.3, fast)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("counts", [16384, 15000, 12000, 10000])
+def test_counts_that_messages_round_to_as_coarse_steps_are_seen(counts, seed):
+    """16384 counts are 0.383 mrad, messages 0.349: every difference is of whole steps, and one step in 11 is never
+    read."""
+    count = 2 * np.pi / counts
+    read = Resolution(count, ROUNDING).read(driven(seed), zero=1e-4 * seed)
+    seen = resolution_of(read)
+    assert (seen.count, seen.rounding) == pytest.approx((count, ROUNDING), rel=1e-4)
+    assert np.max(np.abs(read - driven(seed))) <= 0.5 * seen.width * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("cogging_rad", [0.0, 2e-3])
+@pytest.mark.parametrize("seed", range(5))
+def test_none_are_seen_behind_steps_that_are_the_counts(seed, cogging_rad):
+    """Nor where a shaft stands at some angles more often than at others, again and again over a turn."""
+    motion = driven(seed)
+    motion = motion + cogging_rad * np.sin((24 + 12 * seed) * motion)
+    read = Resolution(ROUNDING).read(motion)
+    assert resolution_of(read) == Resolution(pytest.approx(ROUNDING, rel=1e-6))
+
+
+@given(st.floats(1.0, 3.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.integers(0, 1000))
+@settings(max_examples=50)
+def test_a_reading_lies_within_the_width_of_its_steps(ratio, rounded, zero, seed):
+    steps = Resolution(ratio * STEP, rounded * STEP)
+    values = np.random.default_rng(seed).uniform(-1.0, 1.0, 2000)
+    errors = steps.read(values, zero * STEP) - values
+    assert np.max(np.abs(errors)) <= 0.5 * steps.width * (1 + 1e-9)
+
+
+def test_the_variance_of_errors_is_that_of_both_steps():
+    steps, values = Resolution(STEP, 0.91 * STEP), np.random.default_rng(1).uniform(-1.0, 1.0, 100_000)
+    assert np.var(steps.read(values) - values) == pytest.approx(steps.variance, rel=0.02)
+    assert NO_STEPS.read(values) is values
 
 
 def test_a_reading_without_counts_has_no_step():
     rng = np.random.default_rng(2)
-    assert resolution_rad(np.cumsum(rng.normal(size=5000)) * 1e-4) == 0.0
-    assert resolution_rad(np.sin(np.arange(5000) * 1e-3) + 1e-5 * rng.normal(size=5000)) == 0.0
+    assert resolution_of(np.cumsum(rng.normal(size=5000)) * 1e-4) == NO_STEPS
+    assert resolution_of(np.sin(np.arange(5000) * 1e-3) + 1e-5 * rng.normal(size=5000)) == NO_STEPS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification import loops
-from norton_bench.identification.counts import unquantised
+from norton_bench.identification.counts import NO_STEPS, Resolution, unquantised
 from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.kernels import FULL_BAND
 from norton_bench.identification.rows import Rows, friction_error
@@ -35,7 +35,7 @@ def counted(path, count_rad, phase):
     read = (np.floor(path(time_s) / count_rad + phase) - phase + 0.5) * count_rad
     smoothed = TimeSeries(time_s, unquantised(read, count_rad), TICK_S)
     planned = planned_signals(Excitation(TICK_S, np.zeros(TICKS), smoothed.value), 0.0)
-    return replace(planned, path_rad=smoothed.at(fine_s()), smoothed=smoothed, count_rad=count_rad)
+    return replace(planned, path_rad=smoothed.at(fine_s()), smoothed=smoothed, counts=Resolution(count_rad))
 
 
 def fine_s():
@@ -75,7 +75,7 @@ def test_what_it_takes_off_is_most_of_the_error(amplitude_rad, frequency_hz, cou
 
 def test_an_encoder_without_counts_has_none():
     signals = counted(motion(0.005, 5.0, 0.0), COUNT_RAD, 0.3)
-    assert friction_error(replace(signals, count_rad=0.0), S_PER_RAD) is None
+    assert friction_error(replace(signals, counts=NO_STEPS), S_PER_RAD) is None
     assert friction_error(replace(signals, smoothed=None), S_PER_RAD) is None
     assert friction_error(replace(signals, smoothed=signals.smoothed.between(0.0, 0.1)), S_PER_RAD) is None
 

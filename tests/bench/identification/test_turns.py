@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from norton_bench.identification import loops
+from norton_bench.identification.counts import NO_STEPS, Resolution
 from norton_bench.identification.expansion import Excitation, planned_signals
 from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.separable import solve
@@ -102,7 +103,7 @@ def test_near_a_turn_is_what_its_place_decides():
     first = int(np.argmax(gone_rad > 7.0 / S_PER_RAD))
     assert near[turn : turn + first].all()
     assert not near[turn + first + 1]
-    hidden = Turns.of(replace(signals, count_rad=0.01), S_PER_RAD, REACH_TICKS).near[turn : turn + 250]
+    hidden = Turns.of(replace(signals, counts=Resolution(0.01)), S_PER_RAD, REACH_TICKS).near[turn : turn + 250]
     assert int(np.argmin(hidden)) == int(np.argmax(gone_rad > 7.0 / S_PER_RAD + 3 * 0.01))
 
 
@@ -171,7 +172,7 @@ def test_a_coarse_encoder_leaves_a_memory_that_the_innovations_have_not():
 
 def test_without_counts_nothing_is_whitened():
     stretches = signals(synthetic.experiment(4, blocked=False), TICK_S, Use.IDENTIFY)
-    solution = solve(tuple(replace(each, count_rad=0.0) for each in stretches))
+    solution = solve(tuple(replace(each, counts=NO_STEPS) for each in stretches))
     assert solution.regression.whitening is None
     assert solution.innovation == pytest.approx(solution.residual, abs=1e-12)
 
