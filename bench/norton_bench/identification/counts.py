@@ -50,9 +50,9 @@ ROUNDED = 0.05
 # Counts behind a message's steps are sought within so many steps, and where one in fifty or more is never read.
 WIDEST = 2**18
 LEAST_SKIPPED = 0.02
-# A pattern of steps that are never read is as strong as it must be to within this share, and so many times as strong as
-# by chance.
-LIKE, TELLING_LINE = 0.3, 8.0
+# A shaft turns slowly where each of two readings came so many times; such places are as regular, and leaps as many, as
+# they must be to within this share; and by chance they would be so regular at one of WIDEST frequencies once in 10^8.
+READ_TIMES, LIKE, CERTAIN = 2, 0.3, 31.0
 
 
 @dataclass(frozen=True)
@@ -125,25 +125,32 @@ def resolution_of(values: FloatArray) -> Resolution:
 def _count_behind(values: FloatArray, step: float) -> Resolution:
     """Of values that are whole ``step``s: the counts that these round, of one to two steps.
 
-    Counts c rounded to steps r are never read at one step in 1/f, f = 1 - r/c. So where values were read repeats with
-    f, and the k-th harmonic of what repeats has the strength |sinc(k r/c)|: all counts have the same phase in it, but
-    for the rounding, which is anywhere within a step. Where c is a simple fraction of r the rounding is not anywhere,
-    and harmonics are stronger.
+    Counts c rounded to steps r leave one step out in 1/f, f = 1 - r/c, always the same ones. So a shaft that turns so
+    slowly that every count is read several times leaps over these steps and no others, and the places of the leaps
+    repeat with f: they have one phase in it, to within f of a turn.
     """
-    places = np.unique(np.round((values - np.median(values)) / step).astype(np.int64))
+    middle = np.quantile(
+        values, 0.5, method="higher"
+    )  # one that was read: between two steps rounding would go either way
+    places = np.round((values - middle) / step).astype(np.int64)
     places = places[np.abs(places) < WIDEST // 2]
-    size = 2 * next_fast_len(int(np.ptp(places)) + 1, real=True)  # lines between two frequencies show as well
-    strength = np.abs(np.fft.rfft(np.bincount(places - places[0]), size)) / places.size
-    skipped = np.arange(ceil(LEAST_SKIPPED * size), size // 2 + 1)
-    first, second = (np.abs(np.sinc(harmonic * (1.0 - skipped / size))) for harmonic in (1, 2))
-    seen, again = strength[skipped], strength[np.minimum(2 * skipped, size - 2 * skipped)]
-    by_chance = 1.0 / np.sqrt(places.size)
-    like = (seen > TELLING_LINE * by_chance) & (np.abs(seen - first) < LIKE * first)
-    like &= again > (1.0 - LIKE) * second - 2.0 * by_chance
-    if not like.any():
+    edges = np.flatnonzero(np.diff(places, prepend=places[0] - 1))
+    read, times = places[edges], np.diff(edges, append=places.size)
+    slowly = (times[1:] >= READ_TIMES) & (times[:-1] >= READ_TIMES)
+    leaps = np.abs(np.diff(read))[slowly]
+    left_out = np.unique((read[1:] + read[:-1])[slowly][leaps == 2] // 2)
+    if left_out.size < FEWEST_STEPS:
         return Resolution(step)
-    skips = skipped[like][np.argmax(seen[like])] / size
-    return Resolution(step / (1.0 - float(skips)), step)
+    size = 2 * next_fast_len(int(np.ptp(left_out)) + 1, real=True)  # lines between two frequencies show as well
+    strength = np.abs(np.fft.rfft(np.bincount(left_out - left_out[0]), size)) / left_out.size
+    skips = ceil(LEAST_SKIPPED * size)
+    skips += int(np.argmax(strength[skips:]))
+    frequency, alike = skips / size, float(strength[skips])
+    count = step / (1.0 - frequency)
+    expected = count / step - 1.0
+    share = float(np.mean(leaps == 2))
+    seen = alike > (1.0 - LIKE) * np.sinc(frequency) and left_out.size * alike**2 > CERTAIN
+    return Resolution(count, step) if seen and abs(share - expected) < LIKE * expected else Resolution(step)
 
 
 def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:

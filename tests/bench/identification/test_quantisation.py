@@ -88,7 +88,7 @@ def driven(seed, seconds=60):
         rng.uniform(0.5, 6.0) / frequency * np.sin(2 * np.pi * frequency * time_s + rng.uniform(0, 6))
         for frequency in rng.uniform(0.3, 20.0, 6)
     )
-    fast = np.where(time_s < seconds / 2, rng.uniform(0.1, 2.0) * time_s + shaken, 0.1 * shaken)
+    fast = np.where(time_s < seconds / 2, rng.uniform(0.1, 2.0) * time_s + shaken, 0.1 * time_s + 0.01 * shaken)
     return np.where((time_s > 0.7 * seconds) & (time_s < 0.8 * seconds), 0.3, fast)
 
 
@@ -100,16 +100,29 @@ def test_counts_that_messages_round_to_as_coarse_steps_are_seen(counts, seed):
     count = 2 * np.pi / counts
     read = Resolution(count, ROUNDING).read(driven(seed), zero=1e-4 * seed)
     seen = resolution_of(read)
-    assert (seen.count, seen.rounding) == pytest.approx((count, ROUNDING), rel=1e-4)
+    assert (seen.count, seen.rounding) == pytest.approx((count, ROUNDING), rel=1e-3)
     assert np.max(np.abs(read - driven(seed))) <= 0.5 * seen.width * (1 + 1e-9)
 
 
-@pytest.mark.parametrize("cogging_rad", [0.0, 2e-3])
+def at_one_speed(seed):
+    """So fast that steps are left out, regularly: 1.1 to 1.9 of them a reading."""
+    return (1.1 + 0.2 * seed) * ROUNDING * np.arange(20_000)
+
+
+def cogged(seed):
+    """At some angles more often than at others, again and again over a turn."""
+    return driven(seed) + 2e-3 * np.sin((24 + 12 * seed) * driven(seed))
+
+
+def shaky(seed):
+    """Slowly, with noise of a step: it leaps over any of them."""
+    return driven(seed) + ROUNDING * np.random.default_rng(seed).standard_normal(60_000)
+
+
+@pytest.mark.parametrize("moved", [driven, cogged, shaky, at_one_speed])
 @pytest.mark.parametrize("seed", range(5))
-def test_none_are_seen_behind_steps_that_are_the_counts(seed, cogging_rad):
-    """Nor where a shaft stands at some angles more often than at others, again and again over a turn."""
-    motion = driven(seed)
-    motion = motion + cogging_rad * np.sin((24 + 12 * seed) * motion)
+def test_none_are_seen_behind_steps_that_are_the_counts(seed, moved):
+    motion = moved(seed)
     read = Resolution(ROUNDING).read(motion)
     assert resolution_of(read) == Resolution(pytest.approx(ROUNDING, rel=1e-6))
 
