@@ -6,7 +6,7 @@ seen in simulated records; how much such records differ tells what of the rest i
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 
 import numpy as np
@@ -48,17 +48,19 @@ class Pieces:
 
     ``seen`` (n,) is what the network leaves of what was measured; ``repeated`` (records, n) is what it leaves where
     only readings err, of which the size is known to ``known_to``, relative, as their noise is. ``drawn`` (networks, n)
-    is by how much other networks differ from it, as the covariance has them.
+    is by how much other networks differ from it, as the covariance has them. ``changed`` (n,) is what the fit tells of
+    changes in time, which the network does not foresee; it is not in the others.
     """
 
     seen: FloatArray
     repeated: FloatArray
     drawn: FloatArray
     known_to: float = 0.0
+    changed: FloatArray = field(default_factory=lambda: np.zeros(1))
 
     def bound(self) -> tuple[float, float]:
         """What the rms error over the next stretch stays below, and how often."""
-        mean_square, level = bound(self._of_equations + self.drawn)
+        mean_square, level = bound(self._of_equations + self.changed + self.drawn)
         return float(np.sqrt(mean_square)), level
 
     @property
@@ -144,7 +146,7 @@ def mean_squares(at: Expansion, standing_nm: float) -> tuple[FloatArray, float]:
     """Of the network's error over pieces (pieces,), each predicted without itself; and the noise's share of each.
 
     ``standing_nm`` is a torque that stands in the fitted zero and is no zero."""
-    squares = np.array(list(_left(at, standing_nm).values()))
+    squares = np.array(list(_left(at, standing_nm).values())) + _changed(at)
     return squares, min(at.noise_nm2, float(np.quantile(squares, QUIETEST)))
 
 
@@ -155,7 +157,13 @@ def _torque(
     repeated = [_left_by_readings(each) for each in records]
     if not repeated:
         repeated = [dict.fromkeys(seen, mean_squares(at, standing_nm)[1])]
-    return _over(seen, repeated, [_by_piece(at, at.memory.taken_off(each)) for each in differences])
+    pieces = _over(seen, repeated, [_by_piece(at, at.memory.taken_off(each)) for each in differences])
+    return replace(pieces, changed=_changed(at))
+
+
+def _changed(at: Expansion) -> FloatArray:
+    """Mean squares over pieces of what the fit tells of changes in time, (pieces,)."""
+    return np.array(list(_by_piece(at, at.drifted_nm).values()))
 
 
 def _over(seen: _ByPiece, repeated: Sequence[_ByPiece], drawn: Sequence[_ByPiece]) -> Pieces:
@@ -171,11 +179,10 @@ def _over(seen: _ByPiece, repeated: Sequence[_ByPiece], drawn: Sequence[_ByPiece
 
 
 def _left(at: Expansion, standing_nm: float) -> _ByPiece:
-    """Of the network's error, each fitted segment predicted by a fit without it; what the network does not foresee of
-    changes in time is an error."""
+    """Of the fit's error, each fitted segment predicted by a fit without it."""
     sums = at.sums
     whole = sums.solved(np.arange(len(sums.scale)))
-    error_nm = at.without(at.zero.moved(-standing_nm)) + at.drifted_nm
+    error_nm = at.without(at.zero.moved(-standing_nm))
     for part in np.unique(at.part[at.fitted]).tolist():
         error_nm[at.part == part] -= _torque_of(at, part, (_by_others(sums, part) - whole) / sums.scale)
     return _by_piece(at, error_nm)

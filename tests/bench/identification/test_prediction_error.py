@@ -1,5 +1,7 @@
 """How far predictions are off: bounds that hold as often as they say, whatever noise and model do."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,15 @@ def test_an_error_of_the_equations_is_bounded_as_often_as_is_said(size):
         held.append(np.mean(errors[COUNT:] <= rms**2))
     assert level == pytest.approx(LEVEL, abs=0.01)
     assert level - 0.03 < np.mean(held) < 0.995
+
+
+def test_what_changes_in_time_is_stated_however_small_beside_noise():
+    """The fit knows it better than the scatter of the stretches shows it."""
+    changed = np.linspace(0.0, 0.04, COUNT)
+    for seed in range(20):
+        none, stated = (replace(session(seed, 0.0), changed=each).bound()[0] ** 2 for each in (np.zeros(1), changed))
+        assert stated >= 0.95 * 0.04
+        assert stated <= none + 0.04
 
 
 def test_an_error_in_a_few_stretches_is_not_spread_over_all():
