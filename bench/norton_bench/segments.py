@@ -1,5 +1,6 @@
 """What a procedure asks of the loop: a stretch of time with everything known ahead, tick by tick."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -37,6 +38,12 @@ class Admittance:
     stiffness_nm_rad: float = 0.0
     rigid: bool = False
 
+    @classmethod
+    def of(cls, values: Iterable[float]) -> "Admittance":
+        """With this mass, damping and stiffness."""
+        mass_kgm2, damping_nms_rad, stiffness_nm_rad = values
+        return cls(mass_kgm2, damping_nms_rad, stiffness_nm_rad)
+
     @property
     def values(self) -> tuple[float, float, float]:
         """Mass, damping and stiffness."""
@@ -46,6 +53,14 @@ class Admittance:
     def has_body(self) -> bool:
         """Whether it is neither of its two ends: a virtual body moves by it, which the load follows."""
         return not self.rigid and any(self.values)
+
+    @property
+    def words(self) -> str:
+        """The law with its units; what is zero is left out."""
+        if self.rigid:
+            return "prescribed motion"
+        named = zip(LAW_UNITS.items(), self.values, strict=True)
+        return ", ".join(f"{value:.3g} {unit} of {name}" for (name, unit), value in named if value) or "zero torque"
 
 
 ZERO_TORQUE = Admittance()

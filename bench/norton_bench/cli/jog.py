@@ -26,6 +26,13 @@ LoadVelocity = Annotated[
 ZeroTorque = Annotated[
     bool, Parameter(help="The load keeps the port at zero torque. It is calibrated first, for 20 s.")
 ]
+Body = Annotated[
+    str | None,
+    Parameter(
+        help="Mass, damping and stiffness that the load acts at the port; what is not given is zero. The load is "
+        "calibrated first, for 20 s."
+    ),
+]
 Duration = Annotated[
     str | None, Parameter(help=f'How long the values are held, upward ramps included; default "{DURATION}".')
 ]
@@ -47,6 +54,9 @@ def jog(
     load_torque: LoadTorque = None,
     load_velocity: LoadVelocity = None,
     zero_torque: ZeroTorque = False,
+    mass: Body = None,
+    damping: Body = None,
+    stiffness: Body = None,
     duration: Duration = None,
     speed: Speed = None,
     dead_man: DeadMan = None,
@@ -67,6 +77,7 @@ def jog(
     speed_rad_s = None if speed is None else _value("--speed", speed, "rad/s")
     bounds = bounds_of(rig, speed_rad_s)
     given = {"actuator": actuator, "load_torque": load_torque, "load_velocity": load_velocity}
+    given |= {"mass": mass, "damping": damping, "stiffness": stiffness}
     if all(value is None for value in given.values()) and not zero_torque:
         if duration is not None or json:
             raise UsageError(
@@ -85,16 +96,27 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
     """Raises UsageError for values that contradict each other, exceed a limit, or are not possible on this rig."""
     from norton_bench.jog.hands import LoadDoes, Setpoints, unlimited  # noqa: PLC0415
     from norton_bench.procedures.knowledge import require_load  # noqa: PLC0415
+    from norton_bench.segments import LAW_UNITS, Admittance  # noqa: PLC0415
 
     torque, velocity = given["load_torque"], given["load_velocity"]
-    if (torque is not None) + (velocity is not None) + zero_torque > 1:
-        raise UsageError("--load-torque, --load-velocity and --zero-torque: the load can do only one of them at a time")
+    body = any(given[name] is not None for name in LAW_UNITS)
+    if (torque is not None) + (velocity is not None) + zero_torque + body > 1:
+        raise UsageError(
+            "--load-torque, --load-velocity, --zero-torque, and a body's --mass, --damping and --stiffness: the load "
+            "can do only one of them at a time"
+        )
     command = 0.0 if given["actuator"] is None else _value("--actuator", given["actuator"], rig.command.unit)
     setpoints = Setpoints(command)
     if torque is not None:
         if rig.wiring.load is None:
             raise UsageError(f"{rig.place}: --load-torque needs a load drive; this rig has none")
         setpoints = Setpoints(command, LoadDoes.TORQUE, _value("--load-torque", torque, "N*m"))
+    elif body:
+        require_load(rig, "calibrate", "for --mass, --damping and --stiffness")
+        values = (_value(f"--{name}", given[name] or "0", unit) for name, unit in LAW_UNITS.items())
+        setpoints = Setpoints(command, LoadDoes.BODY, law=Admittance.of(values))
+        if not setpoints.law.has_body or min(setpoints.law.values) < 0.0:
+            raise UsageError("--mass, --damping and --stiffness: none may be negative; for zero torque --zero-torque")
     elif velocity is not None or zero_torque:
         require_load(rig, "calibrate", "for --load-velocity and --zero-torque")
         value = 0.0 if velocity is None else _value("--load-velocity", velocity, "rad/s")

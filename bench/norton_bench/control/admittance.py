@@ -25,6 +25,8 @@ from norton_bench.segments import ZERO_TORQUE, Admittance
 # Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
 SLIDING_LENGTHS = 30.0
 PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
+# From one law to another: long enough that what a spring stored acts as it would by hand, not as a blow.
+GLIDE_S = 0.5
 # The regulator's state is laid out as the observer's begins; these are measured from the reference.
 PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
 FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
@@ -92,14 +94,18 @@ class AdmittanceController:
         ``leads``: under zero torque the reference is the free motion, foreseen. It may ask for another torque at once,
         where the actuator's command jumps: by what was fed forward along such a reference before, or by what a shaft
         takes that turns at the velocity with which it begins.
-        A law with a body of its own is taken as it is: `rendering.require_rendered` says whether it is stable.
+        A law with a body of its own is taken as it is: `rendering.require_rendered` says whether it is stable. From one
+        body to another, the body goes on, and the law changes within GLIDE_S.
         ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
         allow.
         """
         self._goes_on, self._leads = leads and self._leads and self._deciding, leads
-        if admittance.has_body:
+        goes_on = admittance.has_body and self._deciding and not self._frees and not self._rigid
+        if goes_on:
+            self._body.become(admittance)
+        elif admittance.has_body:
             self._body = VirtualBody(admittance, self.tick_s)
-        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, False
+        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, goes_on
         self._choose(self._anticipation if self._frees and not leads else None)
         if mends_rad_s is not None:
             self._loop.settles_s = settles_s(self._gains, self.calibration)
@@ -331,13 +337,27 @@ class VirtualBody:
     tick_s: float
     position_rad: float = field(default=0.0, init=False)
     velocity_rad_s: float = field(default=0.0, init=False)
+    _before: Admittance = field(default=ZERO_TORQUE, init=False)
+    _left: int = field(default=0, init=False)  # ticks until it obeys ``admittance`` alone
 
     def begin(self, position_rad: float, velocity_rad_s: float) -> None:
         self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
 
+    def become(self, admittance: Admittance) -> None:
+        """Obey another law from now on, by and by within GLIDE_S."""
+        if admittance != self.admittance:
+            self._before, self.admittance, self._left = self._law(), admittance, round(GLIDE_S / self.tick_s)
+
+    def _law(self) -> Admittance:
+        """The one that it obeys now."""
+        if self._left == 0:
+            return self.admittance
+        return between(self._before, self.admittance, 1.0 - self._left * self.tick_s / GLIDE_S)
+
     def step(self, torque_nm: float, reference: Target) -> Target:
         """Where the body is one tick on, under ``torque_nm``."""
-        a, h = self.admittance, self.tick_s
+        self._left = max(self._left - 1, 0)
+        a, h = self._law(), self.tick_s
         pull = (
             torque_nm
             - a.damping_nms_rad * (self.velocity_rad_s - reference.velocity_rad_s)
@@ -347,6 +367,11 @@ class VirtualBody:
         self.velocity_rad_s += h * acceleration
         self.position_rad += h * self.velocity_rad_s
         return Target(self.position_rad, self.velocity_rad_s, acceleration)
+
+
+def between(before: Admittance, after: Admittance, share: float) -> Admittance:
+    """The law at this share of the way from one to the other."""
+    return Admittance.of((1 - share) * b + share * a for b, a in zip(before.values, after.values, strict=True))
 
 
 @dataclass

@@ -46,7 +46,7 @@ from norton_bench.control.robustness import (
 from norton_bench.control.torque_loop import KNOWN_TORQUE, with_contact
 from norton_bench.errors import ExperimentError
 from norton_bench.sample import Target
-from norton_bench.segments import LAW_UNITS, Admittance
+from norton_bench.segments import Admittance
 
 # The nearest law that can be rendered is looked for in so many steps of so much: over a factor of 1000.
 STEP, STEPS = 1.2, 40
@@ -99,17 +99,10 @@ def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittanc
     if not result.unstable:
         return result
     raise ExperimentError(
-        f"this bench cannot render {in_words(law)}: with {result.unstable} the load would swing at "
+        f"this bench cannot render {law.words}: with {result.unstable} the load would swing at "
         f"{result.oscillates_hz:.2g} Hz and not come to rest"
         + (f"; {_nearest(calibration, tick_s, law)}" if offers else "")
     )
-
-
-def in_words(law: Admittance) -> str:
-    """The law with its units; what is zero is left out."""
-    named = zip(LAW_UNITS.items(), law.values, strict=True)
-    parts = [f"{value:.3g} {unit} of {name}" for (name, unit), value in named if value]
-    return ", ".join(parts) or "zero torque"
 
 
 def body_control(
@@ -301,7 +294,7 @@ def _nearest(calibration: LoadCalibration, tick_s: float, law: Admittance) -> st
     if any(found):
         return f"it can with {' or '.join(filter(None, found))}, the rest as it is"
     both = next((each for each in _of_any_mass(law, inertia_kgm2, tick_s) if renders(each)), None)
-    return "no other single value would do" + (f"; it can render {in_words(both)}" if both else "")
+    return "no other single value would do" + (f"; it can render {both.words}" if both else "")
 
 
 def _of_any_mass(law: Admittance, inertia_kgm2: float, tick_s: float) -> Iterator[Admittance]:

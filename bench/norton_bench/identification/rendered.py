@@ -65,8 +65,7 @@ def law_of(segment: SegmentInfo) -> Admittance | None:
     parts = [part.split(" ") for part in segment.name.split(", ")]
     if segment.procedure != RENDER or [part[-1] for part in parts] != list(LAW_UNITS.values()):
         return None
-    mass_kgm2, damping_nms_rad, stiffness_nm_rad = (float(part[0]) for part in parts)
-    return Admittance(mass_kgm2, damping_nms_rad, stiffness_nm_rad)
+    return Admittance.of(float(part[0]) for part in parts)
 
 
 def rendered(measured: Measured, tick_s: float) -> tuple[Rendered, ...]:

@@ -5,14 +5,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import inf, isfinite
-from typing import Protocol
+from threading import Thread
+from typing import TYPE_CHECKING, Protocol
 
-from norton_bench.errors import RigError, UsageError
+from norton_bench.errors import ExperimentError, RigError, UsageError
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.procedures.knowledge import VELOCITY_SHARE, require_load
 from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.rig.rig import Rig
+from norton_bench.segments import LAW_UNITS, ZERO_TORQUE, Admittance
 from norton_bench.session.operator import Operator, Order
+
+if TYPE_CHECKING:
+    from norton_bench.control.calibration import LoadCalibration
 
 NAME = "jog"
 # How the text of a mark that describes a device begins.
@@ -32,19 +37,24 @@ class LoadDoes(Enum):
     TORQUE = "pushes"
     VELOCITY = "turns"
     ZERO_TORQUE = "zero torque"
+    BODY = "acts a body"
 
 
 # These take the controller, which is tuned from the calibration.
-CONTROLLED = (LoadDoes.VELOCITY, LoadDoes.ZERO_TORQUE)
+CONTROLLED = (LoadDoes.VELOCITY, LoadDoes.ZERO_TORQUE, LoadDoes.BODY)
+# From one body to another, the laws at these shares of the way are looked at, too.
+ON_THE_WAY = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
 class Setpoints:
-    """``command`` is the actuator's, in its own unit; ``load_value`` a torque [N m] or a velocity [rad/s], else 0."""
+    """``command`` is the actuator's, in its own unit; ``load_value`` a torque [N m] or a velocity [rad/s], else 0;
+    ``law`` is that of the body that the load acts, if it acts one."""
 
     command: float = 0.0
     load: LoadDoes = LoadDoes.COAST
     load_value: float = 0.0
+    law: Admittance = ZERO_TORQUE
 
     @property
     def at_zero(self) -> bool:
@@ -52,7 +62,7 @@ class Setpoints:
 
     def zeroed(self) -> "Setpoints":
         """All values zero; the load keeps its mode."""
-        return Setpoints(0.0, self.load)
+        return Setpoints(0.0, self.load, law=self.law)
 
     def words(self, command_unit: str) -> str:
         """In a few words, for the watcher and the recording."""
@@ -61,6 +71,7 @@ class Setpoints:
             LoadDoes.TORQUE: f"load {self.load_value:+.4g} N*m",
             LoadDoes.VELOCITY: f"load {self.load_value:+.4g} rad/s",
             LoadDoes.ZERO_TORQUE: "zero torque at the port",
+            LoadDoes.BODY: "body " + ", ".join(map("{:.3g} {}".format, self.law.values, LAW_UNITS.values())),
         }
         return f"actuator {self.command:+.4g} {command_unit}, {load[self.load]}"
 
@@ -147,7 +158,7 @@ class Hand(Protocol):
     def leaves(self) -> bool: ...
     @property
     def calibrates(self) -> bool: ...
-    def begin(self, *, calibrated: bool) -> None:
+    def begin(self, calibration: "LoadCalibration | None") -> None:
         """Called before the drives are enabled, at zero."""
         ...
 
@@ -175,7 +186,7 @@ class Preset:
     def __post_init__(self) -> None:
         self.calibrates = self.setpoints.load in CONTROLLED
 
-    def begin(self, *, calibrated: bool) -> None:
+    def begin(self, calibration: "LoadCalibration | None") -> None:
         self.calibrates = False
 
     def wanted(self, elapsed_s: float) -> Setpoints:
@@ -190,6 +201,36 @@ class Preset:
 
 
 @dataclass
+class Certifying:
+    """Whether the bench can render a law, found out beside the session: that may take seconds.
+
+    ``refusal`` is None until it is known, then why not; empty where it can. From a body that the load acts already, the
+    laws on the way must be such, too.
+    """
+
+    law: Admittance
+    refusal: str | None = field(default=None, init=False)
+
+    def begin(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> "Certifying":
+        Thread(target=self._certify, args=(calibration, tick_s, before), daemon=True).start()
+        return self
+
+    def _certify(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> None:
+        from norton_bench.control.admittance import between  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.control.rendering import require_rendered  # noqa: PLC0415
+
+        try:
+            require_rendered(calibration, tick_s, self.law)
+            on_the_way = () if before is None else tuple(between(before, self.law, share) for share in ON_THE_WAY)
+            for law in on_the_way:
+                require_rendered(calibration, tick_s, law, offers=False)
+        except ExperimentError as error:
+            self.refusal = str(error)
+        else:
+            self.refusal = ""
+
+
+@dataclass
 class Board:
     """An :class:`Operator` between the session and another one: it takes that one's orders "jog", and passes on the
     rest.
@@ -198,6 +239,7 @@ class Board:
 
     - ``actuator 0.02``, ``load -0.02``: by this share of the greatest value
     - ``coast``, ``torque``, ``velocity``, ``zero_torque``: the mode of the load, starting at zero
+    - ``body 0.0005 0.02 0.5``: the load acts this mass [kg m²], damping [N m s/rad] and stiffness [N m/rad]
     - ``zero``: everything back to zero; ``here``: the operator is present
     - ``calibrate``: measure the load, with the drives idle before and after; ``end``: back to zero, and end
     """
@@ -210,7 +252,8 @@ class Board:
     calibrates: bool = field(default=False, init=False)
     leaves: bool = field(default=False, init=False)
     _wanted: Setpoints = field(default_factory=Setpoints, init=False)
-    _calibrated: bool = field(default=False, init=False)
+    _calibration: "LoadCalibration | None" = field(default=None, init=False)
+    _certifying: Certifying | None = field(default=None, init=False)
     _touched_s: float = field(default=0.0, init=False)
     _said: list[Order] = field(default_factory=list, init=False)
 
@@ -235,11 +278,12 @@ class Board:
             else:
                 yield order
 
-    def begin(self, *, calibrated: bool) -> None:
-        self._calibrated, self.calibrates, self.leaves = calibrated, False, False
-        self._wanted, self._touched_s = Setpoints(), self.clock()
+    def begin(self, calibration: "LoadCalibration | None") -> None:
+        self._calibration, self.calibrates, self.leaves = calibration, False, False
+        self._wanted, self._touched_s, self._certifying = Setpoints(), self.clock(), None
 
     def wanted(self, elapsed_s: float) -> Setpoints:
+        self._certified()
         silent_s = self.clock() - self._touched_s
         if silent_s > self.dead_man_s and not self._wanted.at_zero:
             self.let_go(f"no key for {self.dead_man_s:g} s: everything returns to zero")
@@ -269,10 +313,12 @@ class Board:
             )
         elif word == "load":
             self._nudge_load(float(share))
+        elif word == "body":
+            self._act(Admittance.of(map(float, share.split())))
         elif word in LOAD_WORDS:
             self._choose(LOAD_WORDS[word])
         elif word in ("zero", "calibrate", "end"):
-            self._wanted = self._wanted.zeroed()
+            self._wanted, self._certifying = self._wanted.zeroed(), None
             self.leaves = word != "zero"
             self.calibrates = word == "calibrate" and self._may_calibrate()
 
@@ -292,14 +338,37 @@ class Board:
             self._want(replace(self._wanted, load_value=self._wanted.load_value + by))
 
     def _choose(self, load: LoadDoes) -> None:
-        if load is self._wanted.load:
-            return
+        self._certifying = None
+        if load is not self._wanted.load and self._can(load):
+            self._wanted = Setpoints(self._wanted.command, load)
+
+    def _can(self, load: LoadDoes) -> bool:
         if self.rig.wiring.load is None:
             self._tell("this rig has no load drive")
-        elif load in CONTROLLED and not self._calibrated:
+            return False
+        if load in CONTROLLED and self._calibration is None:
             self._tell("this needs the controller, which is tuned from a calibration of the load: press k first")
+            return False
+        return True
+
+    def _act(self, law: Admittance) -> None:
+        if not law.has_body:
+            self._tell("a body has a mass, a damping or a stiffness; for none of them keep the port at zero torque (z)")
+        elif self._can(LoadDoes.BODY):
+            assert self._calibration is not None
+            before = self._wanted.law if self._wanted.load is LoadDoes.BODY else None
+            self._certifying = Certifying(law).begin(self._calibration, self.rig.tick_s, before)
+
+    def _certified(self) -> None:
+        """Take the law over that the bench can render."""
+        asked = self._certifying
+        if asked is None or asked.refusal is None:
+            return
+        self._certifying = None
+        if asked.refusal:
+            self._tell(asked.refusal)
         else:
-            self._wanted = Setpoints(self._wanted.command, load)
+            self._wanted = Setpoints(self._wanted.command, LoadDoes.BODY, law=asked.law)
 
     def _may_calibrate(self) -> bool:
         try:

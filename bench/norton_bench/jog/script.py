@@ -35,6 +35,7 @@ MODES = {
     LoadDoes.TORQUE: LoadMode.TORQUE,
     LoadDoes.VELOCITY: LoadMode.ADMITTANCE,
     LoadDoes.ZERO_TORQUE: LoadMode.ADMITTANCE,
+    LoadDoes.BODY: LoadMode.ADMITTANCE,
 }
 
 
@@ -71,7 +72,7 @@ class Course:
             return replace(segment, load_torque_nm=load)
         if wanted.load is LoadDoes.VELOCITY:
             return self._imposed(segment, load)
-        return replace(segment, admittance=ZERO_TORQUE)
+        return replace(segment, admittance=wanted.law if wanted.load is LoadDoes.BODY else ZERO_TORQUE)
 
     def went(self, segment: Segment, measured: Measured) -> None:
         """Take the measurements of a finished ``segment``. If the shaft was too fast, all torques go to zero at
@@ -172,7 +173,7 @@ class JogScript:
 
     def plan(self, known: Knowledge) -> Plan:
         """Segments, until the hand leaves and everything is at zero."""
-        self.hand.begin(calibrated=known.calibration is not None)
+        self.hand.begin(known.calibration)
         course = Course(self.bounds, known)
         while True:
             wanted, before = self.hand.wanted(course.elapsed_s), course.elapsed_s

@@ -64,7 +64,7 @@ class Loop:
     _segments: int = field(default=0, init=False)
     _label: int = field(default=NO_SEGMENT, init=False)  # which of them the ticks belong to
     _last: SegmentRun | None = field(default=None, init=False)  # since the drives were enabled
-    _reference_rad: float | None = field(default=None, init=False)  # where the last imposed motion ended
+    _reference_rad: float | None = field(default=None, init=False)  # where the last reference ended
     _sample: Sample = field(default=Sample(0), init=False)  # of the last tick
     _sent: Commands = field(default=NOTHING, init=False)  # by the last tick
     _put_ns: int = field(default=0, init=False)  # what it took to put the last tick away
@@ -204,7 +204,9 @@ class Loop:
 
     def _prepared(self, segment: Segment) -> SegmentRun:
         """Ready for its first tick, which is the next one that is not over yet."""
-        base_rad = self._sample.load_position_rad if self._reference_rad is None else self._reference_rad
+        base_rad, last = self._reference_rad, self._last
+        if base_rad is None or last is None or not last.goes_on(segment):
+            base_rad = self._sample.load_position_rad
         run = SegmentRun(segment, self.controller, base_rad)
         self._skip_missed(run, self._clock.now_ns())
         return run

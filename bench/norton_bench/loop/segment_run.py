@@ -122,8 +122,13 @@ class SegmentRun:
 
     @property
     def end_rad(self) -> float | None:
-        """Where the reference of the last tick stood, from which the next one goes on; None without a reference that
-        the load is held to."""
-        if not (self._admits and self.segment.admittance.rigid):
+        """Where the reference of the last tick stood; None without a reference that the load is held or drawn to."""
+        law = self.segment.admittance
+        if not (self._admits and (law.rigid or law.stiffness_nm_rad)):
             return None
         return self.steps.at(self.index - 1).target.position_rad
+
+    def goes_on(self, segment: Segment) -> bool:
+        """Whether the reference of the next segment begins where this one's ended. From a spring's rest the load may be
+        far away: no motion that is imposed begins there."""
+        return self.segment.admittance.rigid or not segment.admittance.rigid

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from norton_bench.control.rendering import in_words, require_rendered
+from norton_bench.control.rendering import require_rendered
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.rendered import RENDER, name_of
 from norton_bench.procedures.excitations import bounds_of, free_within
@@ -51,7 +51,7 @@ class RenderProcedure:
         if known.calibration is None:
             raise ExperimentError("render: needs a calibrated load drive; run the step 'calibrate' before it")
         result = require_rendered(known.calibration, known.tick_s, self.law)
-        words = f"render: {in_words(self.law)} is stable with an actuator of {result.lightest_kgm2:.2g} kg*m^2"
+        words = f"render: {self.law.words} is stable with an actuator of {result.lightest_kgm2:.2g} kg*m^2"
         if result.heaviest_kgm2 < inf:
             end = "whose friction slides or sticks; not with one that is held"
             return (f"{words} to {result.heaviest_kgm2:.2g}, {end}",)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from norton_bench.cli.app import main
@@ -54,6 +55,28 @@ def test_an_imposed_velocity_is_calibrated_for_and_reached(tmp_path: Path, capsy
     assert list(dict.fromkeys(segment.procedure for segment in segments)) == ["tare", "calibrate", "jog"]
 
 
+@pytest.mark.long
+def test_a_body_on_a_spring_is_acted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The actuator's torque less its friction of 20 mN m turns the spring by their quotient."""
+    body = ("--mass", "0.0005", "--damping", "20 mN*m*s/rad", "--stiffness", "0.5")
+    code, found, _ = jog(tmp_path, capsys, *body, "--actuator", "0.1", "--duration", "2 s")
+    assert code == ExitCode.OK
+    assert found["setpoints"] == "actuator +0.1 N*m, body 0.0005 kg*m^2, 0.02 N*m*s/rad, 0.5 N*m/rad"
+    ticks = read_recording(Path(found["recording"])).measured.ticks
+    held = ticks[ticks["command"] >= 0.1 * (1 - 1e-6)][-100:]
+    turned_rad = np.mean(held["load_position_rad"] - held["reference_position_rad"])
+    assert 0.5 * turned_rad == pytest.approx(np.mean(held["torque_nm"]), abs=3e-3)
+    assert 0.05 < 0.5 * turned_rad < 0.1
+
+
+@pytest.mark.long
+def test_a_body_that_the_load_cannot_act_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["jog", ODRIVE, "--mass", "0.5e-3 kg*m^2", "--out", str(tmp_path)]) == ExitCode.EXPERIMENT_FAILED
+    said = capsys.readouterr().err
+    assert "this bench cannot render 0.0005 kg*m^2 of mass" in said
+    assert "it can with" in said
+
+
 def test_a_value_that_cannot_be_held_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, found, said = jog(tmp_path, capsys, "--actuator", "0.3", "--speed", "10 rad/s")
     assert code == ExitCode.EXPERIMENT_FAILED
@@ -67,6 +90,10 @@ def test_a_value_that_cannot_be_held_is_a_failure(tmp_path: Path, capsys: pytest
         ([ODRIVE, "--actuator", "0.6"], "actuator stays at +0.5 N*m: the rig allows no more"),
         ([ODRIVE, "--load-velocity", "40"], "load stays at +36 rad/s"),
         ([ODRIVE, "--load-torque", "1", "--zero-torque"], "one of them at a time"),
+        ([ODRIVE, "--mass", "1e-3", "--zero-torque"], "one of them at a time"),
+        ([ODRIVE, "--damping=-0.1"], "none may be negative"),
+        ([ODRIVE, "--stiffness", "0"], "for zero torque --zero-torque"),
+        ([str(RIGS / "sim-in-situ.toml"), "--mass", "1e-3"], "needs a torque sensor"),
         ([ODRIVE, "--actuator", "1 rad"], "--actuator"),
         ([ODRIVE, "--actuator", "nan"], "must be finite"),
         ([ODRIVE, "--actuator", "0.1", "--duration", "0"], "more than 0 s"),

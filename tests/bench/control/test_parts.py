@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control import core
-from norton_bench.control.admittance import FeedForward, VirtualBody, continued
+from norton_bench.control.admittance import FeedForward, VirtualBody, between, continued
 from norton_bench.control.design import TorqueGains, nominal_bench
 from norton_bench.control.preview import (
     LONGEST_STEP_S,
@@ -138,6 +138,30 @@ def test_a_virtual_body_is_stable_however_stiff(damping: float, stiffness: float
     body = VirtualBody(Admittance(1e-4, damping, stiffness), TICK_S)
     body.begin(1.0, 0.0)
     assert max(abs(body.step(0.0, Target()).position_rad) for _ in range(200)) <= 1.0 + 1e-9
+
+
+def test_a_body_becomes_another_one_without_a_jump() -> None:
+    """It goes on where it is; a spring that it gets is drawn tight within GLIDE_S."""
+    before, after = Admittance(5e-4, 2e-2), Admittance(1e-3, 3e-2, 1.0)
+    body = VirtualBody(before, TICK_S)
+    body.begin(0.1, 2.0)
+    first = body.step(0.05, Target())
+    body.become(after)
+    body.become(after)
+    moves = [body.step(0.05, Target()) for _ in range(3000)]
+    accelerations = np.array([move.acceleration_rad_s2 for move in (first, *moves)])
+    # A law that changed at once would change it by 0.1 N m / 1e-3 kg m².
+    assert np.max(np.abs(np.diff(accelerations))) < 0.02 * 100.0
+    velocities = np.array([move.velocity_rad_s for move in (first, *moves)])
+    assert np.diff(velocities) == pytest.approx(TICK_S * accelerations[1:])
+    alone = VirtualBody(after, TICK_S)
+    alone.begin(moves[499].position_rad, moves[499].velocity_rad_s)
+    assert moves[-1].position_rad == pytest.approx([alone.step(0.05, Target()).position_rad for _ in range(2500)][-1])
+
+
+def test_half_way_between_two_laws_is_half_of_both() -> None:
+    law = between(Admittance(1e-3, 0.0, 2.0), Admittance(3e-3, 0.1), 0.5)
+    assert law.values == pytest.approx((2e-3, 0.05, 1.0))
 
 
 def test_the_torque_loop_is_bold_only_once_the_shaft_has_slid() -> None:

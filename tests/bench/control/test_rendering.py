@@ -12,7 +12,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import design_tracking, nominal_bench
-from norton_bench.control.rendering import body_control, in_words, port_impedance, rendering, require_rendered
+from norton_bench.control.rendering import body_control, port_impedance, rendering, require_rendered
 from norton_bench.control.robustness import control_response
 from norton_bench.errors import ExperimentError
 from norton_bench.procedures.waves import multisine
@@ -27,6 +27,10 @@ KEYS = {"mass": "mass_kgm2", "damping": "damping_nms_rad", "stiffness": "stiffne
 RENDERED = (Admittance(5e-4, 2e-2), Admittance(1e-3, 3e-2, 1.0), Admittance(1e-3, 5e-2, 2.0))
 # They oscillate where the actuator's friction sticks; and the last one lets the load run into its own delay.
 REFUSED = (Admittance(5e-4), Admittance(5e-3), Admittance(damping_nms_rad=1e-2))
+
+
+def in_words(law: Admittance) -> str:
+    return law.words
 
 
 def without_friction(settings: PlantSettings) -> PlantSettings:
@@ -225,5 +229,5 @@ def test_energy_that_came_back_is_what_body_and_spring_had_stored() -> None:
 
 
 def test_a_law_is_in_words_without_what_is_zero() -> None:
-    assert in_words(Admittance(5e-4, 0.0, 2.0)) == "0.0005 kg*m^2 of mass, 2 N*m/rad of stiffness"
-    assert in_words(ZERO_TORQUE) == "zero torque"
+    assert Admittance(5e-4, 0.0, 2.0).words == "0.0005 kg*m^2 of mass, 2 N*m/rad of stiffness"
+    assert ZERO_TORQUE.words == "zero torque"

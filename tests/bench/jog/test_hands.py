@@ -1,17 +1,27 @@
 """Who decides: nudges are added up, clamped and told; who lets go of the keys lets go of the bench."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from math import inf
 from pathlib import Path
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
+from norton_bench.control import rendering
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.jog import hands
 from norton_bench.jog.hands import ABANDONED_S, DEAD_MAN_S, Board, LoadDoes, Preset, Setpoints, bounds_of
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
+from norton_bench.segments import Admittance
 from norton_bench.session.operator import Order
+from tests.bench.control.plant import PlantSettings
+from tests.bench.control.runs import calibrated as calibrated_bench
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")
@@ -56,8 +66,37 @@ def keys() -> Keys:
 
 def board_of(keys: Keys, rig: Rig = RIG, *, calibrated: bool = False) -> Board:
     board = Board(keys, rig, bounds_of(rig), clock=lambda: keys.now_s)
-    board.begin(calibrated=calibrated)
+    board.begin(calibration() if calibrated else None)
     return board
+
+
+@lru_cache(maxsize=1)
+def calibration() -> LoadCalibration:
+    return calibrated_bench(PlantSettings())
+
+
+class Later:
+    """A thread that runs when a test says so."""
+
+    begun: ClassVar[list["Later"]] = []
+
+    def __init__(self, target: Callable[..., None], args: tuple[Any, ...], daemon: bool) -> None:
+        self.run = lambda: target(*args)
+
+    def start(self) -> None:
+        self.begun.append(self)
+
+
+@pytest.fixture(autouse=True)
+def later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hands, "Thread", Later)
+    Later.begun.clear()
+
+
+def certified(keys: Keys, board: Board) -> Setpoints:
+    """What is wanted once the certificate of the last law is there."""
+    Later.begun[-1].run()
+    return keys.press(board)
 
 
 def test_other_orders_are_left_to_the_session(keys: Keys) -> None:
@@ -89,6 +128,56 @@ def test_what_the_controller_does_needs_a_calibration(keys: Keys, word: str, doe
     assert keys.press(board_of(keys), word).load is LoadDoes.COAST
     assert "calibrat" in keys.said[-1]
     assert keys.press(board_of(keys, calibrated=True), word).load is does
+
+
+BODY, SPRING = Admittance(5e-4, 2e-2), Admittance(5e-4, 2e-2, 0.5)
+
+
+def test_a_body_is_acted_once_it_is_certified(keys: Keys) -> None:
+    """Until then the load does what it did; a nudge of the actuator is obeyed meanwhile."""
+    board = board_of(keys, calibrated=True)
+    assert keys.press(board, "zero_torque", "body 0.0005 0.02 0").load is LoadDoes.ZERO_TORQUE
+    keys.press(board, "actuator 0.1")
+    assert certified(keys, board) == Setpoints(0.05, LoadDoes.BODY, law=BODY)
+    keys.press(board, "body 0.0005 0.02 0.5")
+    assert certified(keys, board).law == SPRING
+    assert keys.press(board, "zero") == Setpoints(0.0, LoadDoes.BODY, law=SPRING)
+    assert keys.said == []
+
+
+def test_a_body_that_the_bench_cannot_render_is_refused_with_one_that_it_can(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0 0")
+    assert certified(keys, board).load is LoadDoes.COAST
+    assert re.search("cannot render 0.0005 kg.m.2 of mass: .*; it can with a damping of", keys.said[-1])
+
+
+def test_laws_on_the_way_from_one_body_to_another_are_looked_at(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+    monkeypatch.setattr(rendering, "require_rendered", lambda *given, **_: tried.append(given[2]))
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    certified(keys, board)
+    keys.press(board, "body 0.0009 0.04 4")
+    certified(keys, board)
+    ways = [(0.0006, 0.025, 1.0), (0.0007, 0.03, 2.0), (0.0008, 0.035, 3.0)]
+    expected = [BODY, Admittance(9e-4, 0.04, 4.0), *map(Admittance.of, ways)]
+    assert np.array([law.values for law in tried]) == pytest.approx(np.array([law.values for law in expected]))
+
+
+def test_a_body_that_is_not_wanted_any_more_is_not_acted(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0", "zero_torque")
+    assert certified(keys, board).load is LoadDoes.ZERO_TORQUE
+    keys.press(board, "body 0.0005 0.02 0", "zero")
+    assert certified(keys, board).load is LoadDoes.ZERO_TORQUE
+
+
+def test_a_body_needs_a_calibration_and_something_to_be(keys: Keys) -> None:
+    assert keys.press(board_of(keys), "body 0.0005 0.02 0").load is LoadDoes.COAST
+    assert "press k first" in keys.said[-1]
+    assert keys.press(board_of(keys, calibrated=True), "body 0 0 0").load is LoadDoes.COAST
+    assert "zero torque (z)" in keys.said[-1]
 
 
 def test_a_load_that_is_not_there_or_has_no_limit(keys: Keys) -> None:
@@ -147,7 +236,7 @@ def test_to_calibrate_all_goes_to_zero_first(keys: Keys) -> None:
 def test_given_values_stand_for_their_time() -> None:
     hand = Preset(Setpoints(0.1, LoadDoes.ZERO_TORQUE), 2.0)
     assert hand.calibrates
-    hand.begin(calibrated=True)
+    hand.begin(calibration())
     assert not hand.calibrates
     assert hand.wanted(1.9) == Setpoints(0.1, LoadDoes.ZERO_TORQUE)
     assert not hand.leaves
@@ -157,7 +246,7 @@ def test_given_values_stand_for_their_time() -> None:
 
 def test_given_values_that_cannot_stand_say_why() -> None:
     hand = Preset(Setpoints(0.1), 2.0)
-    hand.begin(calibrated=False)
+    hand.begin(None)
     hand.let_go("too fast")
     assert hand.wanted(0.1).at_zero
     assert (hand.leaves, hand.cut_short) == (True, "too fast")

@@ -12,7 +12,7 @@ from norton_bench.loop.outbox import Outbox
 from norton_bench.procedures.waves import Motion, coasting, imposed, pushed
 from norton_bench.records import NO_SEGMENT, TICK, join
 from norton_bench.rig.load import load_rig
-from norton_bench.segments import Segment, Use
+from norton_bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
 from tests.bench.bench_in_simulation import opened
 from tests.bench.control.plant import PlantSettings
 
@@ -60,6 +60,10 @@ def turning(ticks: int, speed_rad_s: float) -> Segment:
     velocity = speed_rad_s * np.minimum(np.arange(ticks) / (ticks // 2), 1.0)
     motion = Motion(np.cumsum(velocity) * TICK_S, velocity, np.gradient(velocity, TICK_S))
     return imposed("test", "turn", Use.PREPARE, np.full(ticks, 0.01), motion)
+
+
+def acting(law: Admittance, ticks: int) -> Segment:
+    return Segment("test", "act", Use.PREPARE, np.full(ticks, 0.1), LoadMode.ADMITTANCE, law)
 
 
 def test_a_late_session_finds_the_last_command_and_no_tick_missing() -> None:
@@ -115,6 +119,27 @@ def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:
     assert np.diff(whole) == pytest.approx(10.0 * TICK_S, abs=1e-9)
     assert ticks["reference_position_rad"][600] == pytest.approx(whole[-1], abs=1e-9)
     assert np.mean(waited["load_velocity_rad_s"][100:]) == pytest.approx(10.0, abs=0.5)
+
+
+def test_a_spring_keeps_its_place_from_segment_to_segment() -> None:
+    """Also where the load's body gets another mass; a motion that is imposed then begins where the load stands."""
+    laws = (Admittance(5e-4, 2e-2, 0.5), Admittance(5e-4, 2e-2, 0.5), Admittance(1e-3, 3e-2, 0.5), PRESCRIBED_MOTION)
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.controller = AdmittanceController(
+            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
+        )
+        for law in laws:
+            bench.loop.run(acting(law, 600))
+            bench.loop.hold(Late(2))
+    ticks = join(bench.parts).ticks
+    place, centre = ticks["load_position_rad"], ticks["reference_position_rad"]
+    sprung, held = slice(0, 1800), slice(1810, None)
+    assert np.ptp(centre[sprung]) == 0.0
+    # The actuator's torque less its friction, on the spring.
+    assert 0.1 < place[1790] - centre[0] < 0.2
+    assert np.max(np.abs(np.diff(ticks["load_velocity_rad_s"][500:]))) < 0.5
+    assert np.ptp(place[1790:]) < 0.01
+    assert centre[held] == pytest.approx(place[1805], abs=0.01)
 
 
 @pytest.mark.long

@@ -17,10 +17,11 @@ from norton_bench.rig.load import load_rig
 from norton_bench.screen.app import BenchApp
 from norton_bench.screen.experiment import Experiment, Opening
 from norton_bench.screen.panels.health import signal_rows
+from norton_bench.screen.picture.picture import LogLine
 from norton_bench.screen.screens.by_hand import ByHandScreen
 from norton_bench.screen.screens.choices import ChoiceScreen
 from norton_bench.screen.screens.keys import KeyList
-from norton_bench.screen.screens.questions import Confirm
+from norton_bench.screen.screens.questions import Body, Confirm
 from norton_bench.session.engine import run_by_hand
 from norton_bench.session.operator import Order
 from norton_bench.session.replay import Replay, load_replay
@@ -112,6 +113,7 @@ async def test_every_key_orders_what_it_says(by_hand: Experiment, session: Stand
             (["enter"], "here"),
             (["escape"], "end"),
             (["k", "y"], "calibrate"),
+            (["b", "backspace", *"5e-4", "tab", "backspace", *"0.02", "enter"], "body 0.0005 0.02 0.0"),
             (["plus", "up"], "actuator 0.05"),
             (["minus", "minus", "minus", "minus", "down"], "actuator -0.005"),
         ):
@@ -164,6 +166,28 @@ async def test_least_and_greatest_begin_anew(by_hand: Experiment, clock: Clock) 
         await pilot.press("r")
         velocity = next(seen for seen in by_hand.picture.signals.seen() if seen.name == "velocity")
         assert velocity.least == velocity.value == velocity.greatest
+
+
+async def test_an_answer_that_the_log_cuts_is_shown_whole(by_hand: Experiment, clock: Clock) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock, 0.5)
+        answer = "this bench cannot render 0.0005 kg*m^2 of mass: the load would swing; it can with a damping of 0.005"
+        for text in ("mark: the load stays at +1 N*m", f"mark: {answer}"):
+            by_hand.picture.log.add(LogLine(0.5, "operator", text))
+        await frame(app, pilot)
+        await frame(app, pilot)
+        assert [each.message for each in app._notifications] == [answer]
+
+
+@pytest.mark.parametrize("typed", [["minus", "1"], ["minus"]])
+async def test_a_body_is_not_negative(by_hand: Experiment, session: Stand, clock: Clock, typed: list[str]) -> None:
+    async with at_hand(by_hand) as (app, pilot):
+        await moving(app, pilot, clock, 0.5)
+        await pilot.press("b", *typed, "enter")
+        assert isinstance(app.screen, Body)
+        await pilot.press("escape")
+        assert isinstance(app.screen, ByHandScreen)
+        assert session.orders == []
 
 
 @pytest.mark.long

@@ -19,13 +19,14 @@ KEYS = (
     ("↑ ↓", "the actuator's command"),
     ("→ ←", "the load's torque or velocity"),
     ("c t v z", "the load coasts, pushes, turns, keeps the port at zero torque"),
+    ("b", "the load acts a mass, a damper and a spring"),
     ("+ -", "size of a step"),
     ("0", "everything back to zero"),
     ("?", "all keys"),
 )
 OPENING = " opening the devices; the very first run compiles for a while"
 OVER = "The drives are idle. s enables them again."
-LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque"
+LOAD_KEYS = "; load: c coast  t torque  v velocity  z zero torque  b body"
 BEFORE_ZERO_S = 5.0  # the action of the dead man's switch is marked this long before
 
 
@@ -98,7 +99,7 @@ def _asked_below(picture: Picture, bounds: Bounds, asking: Asking, width: int, *
 
 
 def _doing(segment: SegmentInfo) -> str:
-    return segment.name.replace("*", "·") if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
+    return pretty_unit(segment.name) if segment.procedure == NAME else f"{segment.procedure}: {segment.name}"
 
 
 def _sizes(picture: Picture, bounds: Bounds, share: float) -> str:

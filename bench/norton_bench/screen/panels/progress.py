@@ -130,6 +130,7 @@ def _running(picture: Picture, width: int) -> tuple[str, str]:
 
 
 EVENT_KIND, TIME = 9, 8
+LINE_BEGINS = TIME + EVENT_KIND + 1  # the text of a line of the log
 KIND_STYLES = {"stop": BAD, "fault": WARNING, "bus": WARNING, "device": WARNING, "drive": WARNING, "operator": TEXT}
 
 

@@ -17,12 +17,13 @@ from norton_bench.screen.experiment import Experiment, badge_of
 from norton_bench.screen.keyboard import keeps_up
 from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, imposes, pushes, ready_rows
 from norton_bench.screen.panels.health import in_short, signal_rows
-from norton_bench.screen.panels.progress import log_rows, title_row
+from norton_bench.screen.panels.progress import LINE_BEGINS, log_rows, title_row
 from norton_bench.screen.panels.rows import Panel, Plot
 from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
-from norton_bench.screen.screens.questions import Confirm, Mark
+from norton_bench.screen.screens.questions import Body, Confirm, Mark
 from norton_bench.screen.styles import PHONE, Row
+from norton_bench.segments import ZERO_TORQUE, Admittance
 
 SHARES = (0.005, 0.01, 0.02, 0.05, 0.1)
 USUAL_SHARE = 2
@@ -48,9 +49,11 @@ class ByHandScreen(Screen[None]):
         self._jog, self._bounds = jog, bounds_of(experiment.rig, jog.speed_rad_s)
         self._fps, self._abort = fps, abort
         self._share, self._touched_s = USUAL_SHARE, time.monotonic()
+        self._law = ZERO_TORQUE  # of the last body that was asked for
         self._frames, self._numbers_every = 0, max(1, ceil(NUMBERS_EVERY_S * fps))
         self._told_state: SessionState | None = None
         self._told_end: Ended | None = None
+        self._told_lines = 0  # of the log
 
     def compose(self) -> ComposeResult:
         yield Panel(self._title, id="title")
@@ -121,6 +124,7 @@ class ByHandScreen(Screen[None]):
     def _attend(self) -> None:
         """Show at once that drives are enabled, and the end."""
         state, summary = self.experiment.picture.state, self.experiment.summary
+        self._tell_answers()
         if state is not self._told_state:
             self._told_state, self._touched_s = state, time.monotonic()
             self.refresh_bindings()
@@ -133,12 +137,21 @@ class ByHandScreen(Screen[None]):
             else:
                 self.notify(f"Done; recorded in {summary.recording}", timeout=10, markup=False)
 
+    def _tell_answers(self) -> None:
+        """Show what the log has no room for: why a key has not done what was asked for."""
+        log = self.experiment.picture.log
+        new = list(log.lines)[-(log.total - self._told_lines) :] if log.total > self._told_lines else []
+        self._told_lines = log.total
+        for line in new:
+            if line.kind == "operator" and len(line.text) > self.size.width - LINE_BEGINS:
+                self.notify(line.text.removeprefix("mark: "), severity="warning", timeout=15, markup=False)
+
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Hide keys that have no effect now."""
         live, load = self.experiment.live, self.experiment.rig.wiring.load is not None
         if action in ("order", "mark", "end"):
             return live
-        if action in ("nudge_load", "load", "calibrate"):
+        if action in ("nudge_load", "load", "body", "calibrate"):
             return live and load
         return not live if action == "start" else True
 
@@ -162,6 +175,14 @@ class ByHandScreen(Screen[None]):
 
     def action_load(self, does: str) -> None:
         self._order(does)
+
+    def action_body(self) -> None:
+        def act(law: Admittance | None) -> None:
+            if law is not None:
+                self._law = law
+                self._order("body " + " ".join(map(repr, law.values)))
+
+        self.app.push_screen(Body(self._law), act)
 
     def action_share(self, steps: int) -> None:
         self._share = min(max(self._share + steps, 0), len(SHARES) - 1)

@@ -8,7 +8,9 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Label
 
 from norton_bench.events import Prompt
+from norton_bench.report.words import pretty_unit
 from norton_bench.screen.screens.keys import key
+from norton_bench.segments import LAW_UNITS, Admittance
 
 FIT_GIVEN_UP = "The final fit is abandoned. The recording is complete: norton-bench fit RECORDING repeats the fit."
 SPACE_STOPS = "space stops: join words with -"
@@ -30,6 +32,39 @@ class Mark(ModalScreen[str]):
 
     def action_cancel(self) -> None:
         self.dismiss("")
+
+
+class Body(ModalScreen[Admittance | None]):
+    """A virtual body for the load: mass, damping and stiffness. None where it was cancelled."""
+
+    BINDINGS: ClassVar = [key("escape", "cancel", "Cancel", "Leave the load as it is", name="cancel_body")]
+
+    def __init__(self, law: Admittance) -> None:
+        super().__init__()
+        self._law = law
+
+    def compose(self) -> ComposeResult:
+        with Vertical(classes="question"):
+            yield Label("A virtual body at the port", classes="asked")
+            for (name, unit), value in zip(LAW_UNITS.items(), self._law.values, strict=True):
+                yield Label(f"{name}  {pretty_unit(unit)}", classes="consequence")
+                yield Input(f"{value:g}", type="number", compact=True, id=name)
+            yield Label("enter takes it · tab: the next value · escape cancels", classes="hint")
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        texts = [self.query_one(f"#{name}", Input).value for name in LAW_UNITS]
+        try:
+            values = [float(text or "0") for text in texts]
+        except ValueError:
+            self.notify("these must be numbers", severity="error")
+            return
+        if min(values) < 0.0:
+            self.notify("none of them may be negative", severity="error")
+            return
+        self.dismiss(Admittance.of(values))
+
+    def action_cancel(self) -> None:
+        self.dismiss(None)
 
 
 class Ask(ModalScreen[str | None]):
