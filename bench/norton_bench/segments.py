@@ -3,11 +3,13 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from typing import TypeVar
 
 import numpy as np
 
 from norton_bench.arrays import FloatArray
 
+Angle = TypeVar("Angle", float, FloatArray)
 # The steps that measure tables, and how the names of the segments begin in which something is read.
 TABULATE_SOURCE, TABULATE_IMPEDANCE = "tabulate_source", "tabulate_impedance"
 READ, HOLD = "read", "hold"
@@ -29,6 +31,9 @@ LAW_UNITS = {"mass": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad"}
 class Admittance:
     """The virtual dynamics imposed at the port: M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port.
 
+    ``wall_rad``: the spring is a wall, which begins at this angle from the reference and acts on that side alone; None
+    for a spring to both sides of the reference.
+
     All zero asks for zero torque: the controller takes the least mass and damping that its calibration allows.
     ``rigid`` asks for prescribed motion: the greatest stiffness that its calibration allows.
     """
@@ -37,12 +42,13 @@ class Admittance:
     damping_nms_rad: float = 0.0
     stiffness_nm_rad: float = 0.0
     rigid: bool = False
+    wall_rad: float | None = None
 
     @classmethod
-    def of(cls, values: Iterable[float]) -> "Admittance":
+    def of(cls, values: Iterable[float], wall_rad: float | None = None) -> "Admittance":
         """With this mass, damping and stiffness."""
         mass_kgm2, damping_nms_rad, stiffness_nm_rad = values
-        return cls(mass_kgm2, damping_nms_rad, stiffness_nm_rad)
+        return cls(mass_kgm2, damping_nms_rad, stiffness_nm_rad, wall_rad=wall_rad)
 
     @property
     def values(self) -> tuple[float, float, float]:
@@ -60,7 +66,16 @@ class Admittance:
         if self.rigid:
             return "prescribed motion"
         named = zip(LAW_UNITS.items(), self.values, strict=True)
-        return ", ".join(f"{value:.3g} {unit} of {name}" for (name, unit), value in named if value) or "zero torque"
+        law = ", ".join(f"{value:.3g} {unit} of {name}" for (name, unit), value in named if value) or "zero torque"
+        return law if self.wall_rad is None else f"{law} beyond {self.wall_rad:.3g} rad"
+
+    def deflection_rad(self, turned_rad: Angle) -> Angle:
+        """Of the spring, where the port has turned so far from the reference."""
+        if self.wall_rad is None:
+            return turned_rad
+        side = -1.0 if self.wall_rad < 0.0 else 1.0
+        into = side * (turned_rad - self.wall_rad)
+        return side * 0.5 * (into + abs(into))
 
 
 ZERO_TORQUE = Admittance()
@@ -81,7 +96,8 @@ class Use(Enum):
 class Segment:
     """One stretch of the experiment; every array has shape (ticks,).
 
-    ``position_rad`` is relative to where the load stands when the segment begins. ``preview`` says that the reference
+    ``position_rad`` is relative to where the reference of the segment before ended, or, where there was none, to where
+    the load stands when the segment begins. ``preview`` says that the reference
     motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
     ``mends_rad_s`` is how quickly feedback then does best to mend what is left; None for as quickly as it can.
     """

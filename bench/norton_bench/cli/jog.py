@@ -33,6 +33,7 @@ Body = Annotated[
         "calibrated first, for 20 s."
     ),
 ]
+Wall = Annotated[str | None, Parameter(help="The stiffness acts only beyond this angle from where the shaft stands.")]
 Duration = Annotated[
     str | None, Parameter(help=f'How long the values are held, upward ramps included; default "{DURATION}".')
 ]
@@ -57,6 +58,7 @@ def jog(
     mass: Body = None,
     damping: Body = None,
     stiffness: Body = None,
+    wall: Wall = None,
     duration: Duration = None,
     speed: Speed = None,
     dead_man: DeadMan = None,
@@ -77,7 +79,7 @@ def jog(
     speed_rad_s = None if speed is None else _value("--speed", speed, "rad/s")
     bounds = bounds_of(rig, speed_rad_s)
     given = {"actuator": actuator, "load_torque": load_torque, "load_velocity": load_velocity}
-    given |= {"mass": mass, "damping": damping, "stiffness": stiffness}
+    given |= {"mass": mass, "damping": damping, "stiffness": stiffness, "wall": wall}
     if all(value is None for value in given.values()) and not zero_torque:
         if duration is not None or json:
             raise UsageError(
@@ -99,7 +101,7 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
     from norton_bench.segments import LAW_UNITS, Admittance  # noqa: PLC0415
 
     torque, velocity = given["load_torque"], given["load_velocity"]
-    body = any(given[name] is not None for name in LAW_UNITS)
+    body = any(given[name] is not None for name in (*LAW_UNITS, "wall"))
     if (torque is not None) + (velocity is not None) + zero_torque + body > 1:
         raise UsageError(
             "--load-torque, --load-velocity, --zero-torque, and a body's --mass, --damping and --stiffness: the load "
@@ -114,7 +116,10 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
     elif body:
         require_load(rig, "calibrate", "for --mass, --damping and --stiffness")
         values = (_value(f"--{name}", given[name] or "0", unit) for name, unit in LAW_UNITS.items())
-        setpoints = Setpoints(command, LoadDoes.BODY, law=Admittance.of(values))
+        wall_rad = None if given["wall"] is None else _value("--wall", given["wall"], "rad")
+        setpoints = Setpoints(command, LoadDoes.BODY, law=Admittance.of(values, wall_rad))
+        if wall_rad is not None and not setpoints.law.stiffness_nm_rad:
+            raise UsageError("--wall needs --stiffness")
         if not setpoints.law.has_body or min(setpoints.law.values) < 0.0:
             raise UsageError("--mass, --damping and --stiffness: none may be negative; for zero torque --zero-torque")
     elif velocity is not None or zero_torque:

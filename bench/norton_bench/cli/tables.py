@@ -176,7 +176,7 @@ def rendered_figures(result: Rendered) -> dict[str, Any]:
     """A law that the load rendered: as asked for, as measured, and what of the port's torque neither explains."""
     names = ("mass_kgm2", "damping_nms_rad", "stiffness_nm_rad")
     return {
-        "asked": dict(zip(names, result.asked.values, strict=True)),
+        "asked": {**dict(zip(names, result.asked.values, strict=True)), "wall_rad": result.asked.wall_rad},
         "measured": dict(zip(names, result.measured, strict=True)),
         "half_interval": dict(zip(names, result.half, strict=True)),
         "torque_nm": result.torque_nm,

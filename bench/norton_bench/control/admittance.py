@@ -95,17 +95,18 @@ class AdmittanceController:
         where the actuator's command jumps: by what was fed forward along such a reference before, or by what a shaft
         takes that turns at the velocity with which it begins.
         A law with a body of its own is taken as it is: `rendering.require_rendered` says whether it is stable. From one
-        body to another, the body goes on, and the law changes within GLIDE_S.
+        body to another, the body goes on, and the law changes within GLIDE_S; unless a wall comes, goes or moves.
         ``mends_rad_s``: it is foreseen so well that feedback had better be so slow; None for as quick as its margins
         allow.
         """
         self._goes_on, self._leads = leads and self._leads and self._deciding, leads
-        goes_on = admittance.has_body and self._deciding and not self._frees and not self._rigid
-        if goes_on:
+        acts = self._deciding and not self._frees and not self._rigid
+        same_body = acts and admittance.has_body and admittance.wall_rad == self._body.admittance.wall_rad
+        if same_body:
             self._body.become(admittance)
         elif admittance.has_body:
             self._body = VirtualBody(admittance, self.tick_s)
-        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, goes_on
+        self._frees, self._rigid, self._deciding = admittance == ZERO_TORQUE, admittance.rigid, same_body
         self._choose(self._anticipation if self._frees and not leads else None)
         if mends_rad_s is not None:
             self._loop.settles_s = settles_s(self._gains, self.calibration)
@@ -114,6 +115,10 @@ class AdmittanceController:
     def observe(self, sample: Sample) -> None:
         """Keep watching while the load torque is decided elsewhere."""
         self._estimator.sense(sample)
+        self._deciding = False
+
+    def rest(self) -> None:
+        """Nothing is decided any more: the drives are idle. What begins next begins where the shaft is."""
         self._deciding = False
 
     def update(self, sample: Sample, target: Target, ahead: Target | None = None) -> float:
@@ -330,7 +335,8 @@ class VirtualBody:
 
     M dv/dt + B (v − v_ref) + K (x − x_ref) = τ_port
 
-    Integrates the law (implicit in damping and stiffness: stable for any of them).
+    A wall's spring acts beyond its angle alone. Integrates the law (implicit in damping and stiffness: stable for any
+    of them).
     """
 
     admittance: Admittance
@@ -338,7 +344,7 @@ class VirtualBody:
     position_rad: float = field(default=0.0, init=False)
     velocity_rad_s: float = field(default=0.0, init=False)
     _before: Admittance = field(default=ZERO_TORQUE, init=False)
-    _left: int = field(default=0, init=False)  # ticks until it obeys ``admittance`` alone
+    _glide_ticks_left: int = field(default=0, init=False)  # until it obeys ``admittance`` alone
 
     def begin(self, position_rad: float, velocity_rad_s: float) -> None:
         self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
@@ -346,24 +352,30 @@ class VirtualBody:
     def become(self, admittance: Admittance) -> None:
         """Obey another law from now on, by and by within GLIDE_S."""
         if admittance != self.admittance:
-            self._before, self.admittance, self._left = self._law(), admittance, round(GLIDE_S / self.tick_s)
+            self._before, self.admittance, self._glide_ticks_left = (
+                self._law(),
+                admittance,
+                round(GLIDE_S / self.tick_s),
+            )
 
     def _law(self) -> Admittance:
         """The one that it obeys now."""
-        if self._left == 0:
+        if self._glide_ticks_left == 0:
             return self.admittance
-        return between(self._before, self.admittance, 1.0 - self._left * self.tick_s / GLIDE_S)
+        return between(self._before, self.admittance, 1.0 - self._glide_ticks_left * self.tick_s / GLIDE_S)
 
     def step(self, torque_nm: float, reference: Target) -> Target:
         """Where the body is one tick on, under ``torque_nm``."""
-        self._left = max(self._left - 1, 0)
+        self._glide_ticks_left = max(self._glide_ticks_left - 1, 0)
         a, h = self._law(), self.tick_s
+        deflection_rad = a.deflection_rad(self.position_rad + h * self.velocity_rad_s - reference.position_rad)
+        stiffness_nm_rad = a.stiffness_nm_rad if a.wall_rad is None or deflection_rad != 0.0 else 0.0
         pull = (
             torque_nm
             - a.damping_nms_rad * (self.velocity_rad_s - reference.velocity_rad_s)
-            - a.stiffness_nm_rad * (self.position_rad + h * self.velocity_rad_s - reference.position_rad)
+            - stiffness_nm_rad * deflection_rad
         )
-        acceleration = pull / (a.mass_kgm2 + h * a.damping_nms_rad + h * h * a.stiffness_nm_rad)
+        acceleration = pull / (a.mass_kgm2 + h * a.damping_nms_rad + h * h * stiffness_nm_rad)
         self.velocity_rad_s += h * acceleration
         self.position_rad += h * self.velocity_rad_s
         return Target(self.position_rad, self.velocity_rad_s, acceleration)
@@ -371,7 +383,8 @@ class VirtualBody:
 
 def between(before: Admittance, after: Admittance, share: float) -> Admittance:
     """The law at this share of the way from one to the other."""
-    return Admittance.of((1 - share) * b + share * a for b, a in zip(before.values, after.values, strict=True))
+    values = ((1 - share) * b + share * a for b, a in zip(before.values, after.values, strict=True))
+    return Admittance.of(values, after.wall_rad)
 
 
 @dataclass

@@ -15,7 +15,7 @@ from cmath import phase
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf, log, nan, pi, sqrt
+from math import inf, isnan, log, nan, pi, sqrt
 
 import numpy as np
 
@@ -76,10 +76,27 @@ class Rendering:
     needed_damping_nms_rad: float = nan
     needed_at_hz: float = nan
 
+    @property
+    def words(self) -> str:
+        """With which actuators a law is stable."""
+        words = f"{self.law.words} is stable with an actuator of {self.lightest_kgm2:.2g} kg*m^2"
+        if self.heaviest_kgm2 < inf:
+            return f"{words} to {self.heaviest_kgm2:.2g}, whose friction slides or sticks; not with one that is held"
+        return (
+            f"{words} or more, whose friction slides or sticks, and with one that is held; with any other passive one "
+            f"that has {self.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which {self.needed_at_hz:.3g} Hz "
+            "ask for"
+        )
+
 
 @lru_cache(maxsize=64)
 def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
-    """The certificate of a law with a body of its own. Raises ExperimentError where no feedback follows any motion."""
+    """The certificate of a law with a body of its own: with a wall, of the law before it and of that behind it.
+
+    Raises ExperimentError where no feedback follows any motion, and for a wall with nothing that moves before it.
+    """
+    if law.wall_rad is not None:
+        return _beside_a_wall(calibration, tick_s, law)
     laws = _Laws(calibration, _tracking(calibration, tick_s), law, tick_s)
     unstable = laws.unstable()
     if unstable is not None:
@@ -90,6 +107,20 @@ def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> R
         return result
     needed_damping_nms_rad, needed_at_hz = laws.needed_damping()
     return replace(result, needed_damping_nms_rad=needed_damping_nms_rad, needed_at_hz=needed_at_hz)
+
+
+def _beside_a_wall(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
+    behind = replace(law, wall_rad=None)
+    before = replace(behind, stiffness_nm_rad=0.0)
+    if not before.has_body:
+        raise ExperimentError(f"this bench cannot render {law.words}: before the wall there is no mass and no damping")
+    sides = [rendering(calibration, tick_s, each) for each in (before, behind)]
+    for each in sides:
+        if each.unstable:
+            return replace(each, law=law)
+    # NaN where one side tells none.
+    worst = max(sides, key=lambda each: inf if isnan(each.needed_damping_nms_rad) else each.needed_damping_nms_rad)
+    return replace(worst, law=law, heaviest_kgm2=min(each.heaviest_kgm2 for each in sides))
 
 
 def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance, *, offers: bool = True) -> Rendering:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cache
-from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -50,9 +49,11 @@ ROUNDED = 0.05
 # Counts behind a message's steps are sought within so many steps, and where one in fifty or more is never read.
 WIDEST = 2**18
 LEAST_SKIPPED = 0.02
-# A shaft turns slowly where each of two readings came so many times; such places are as regular, and leaps as many, as
-# they must be to within this share; and by chance they would be so regular at one of WIDEST frequencies once in 10^8.
-READ_TIMES, LIKE, CERTAIN = 2, 0.3, 31.0
+# A shaft turns slowly where each of two readings came so many times as often as in this share, the fastest.
+READ_TIMES, FASTEST_SHARE = 2, 0.1
+# Such places are as regular, and leaps as many, as they must be to within this share; and by chance they would be so
+# regular at one of WIDEST frequencies once in 10^8.
+LIKE, CERTAIN = 0.3, 31.0
 
 
 @dataclass(frozen=True)
@@ -129,28 +130,30 @@ def _count_behind(values: FloatArray, step: float) -> Resolution:
     slowly that every count is read several times leaps over these steps and no others, and the places of the leaps
     repeat with f: they have one phase in it, to within f of a turn.
     """
-    middle = np.quantile(
-        values, 0.5, method="higher"
-    )  # one that was read: between two steps rounding would go either way
+    values = values[np.isfinite(values)]
+    # One that was read: from half a step on, values would be rounded either way.
+    middle = np.quantile(values, 0.5, method="higher")
     places = np.round((values - middle) / step).astype(np.int64)
     places = places[np.abs(places) < WIDEST // 2]
     edges = np.flatnonzero(np.diff(places, prepend=places[0] - 1))
     read, times = places[edges], np.diff(edges, append=places.size)
-    slowly = (times[1:] >= READ_TIMES) & (times[:-1] >= READ_TIMES)
+    often = READ_TIMES * np.quantile(times, FASTEST_SHARE)  # a drive may send each of them twice
+    slowly = (times[1:] >= often) & (times[:-1] >= often)
     leaps = np.abs(np.diff(read))[slowly]
     left_out = np.unique((read[1:] + read[:-1])[slowly][leaps == 2] // 2)
     if left_out.size < FEWEST_STEPS:
         return Resolution(step)
     size = 2 * next_fast_len(int(np.ptp(left_out)) + 1, real=True)  # lines between two frequencies show as well
     strength = np.abs(np.fft.rfft(np.bincount(left_out - left_out[0]), size)) / left_out.size
-    skips = ceil(LEAST_SKIPPED * size)
-    skips += int(np.argmax(strength[skips:]))
-    frequency, alike = skips / size, float(strength[skips])
-    count = step / (1.0 - frequency)
-    expected = count / step - 1.0
-    share = float(np.mean(leaps == 2))
-    seen = alike > (1.0 - LIKE) * np.sinc(frequency) and left_out.size * alike**2 > CERTAIN
-    return Resolution(count, step) if seen and abs(share - expected) < LIKE * expected else Resolution(step)
+    frequency = np.arange(1, strength.size) / size
+    expected = frequency / (1.0 - frequency)  # of all steps of a slow shaft those over a place that is left out
+    like = (frequency > LEAST_SKIPPED) & (np.abs(np.mean(leaps == 2) - expected) < LIKE * expected)
+    if not like.any():
+        return Resolution(step)
+    at = int(np.argmax(np.where(like, strength[1:], 0.0)))
+    alike, skips = strength[1 + at], float(frequency[at])
+    seen = alike > (1.0 - LIKE) * np.sinc(skips) and left_out.size * alike**2 > CERTAIN
+    return Resolution(step / (1.0 - skips), step) if seen else Resolution(step)
 
 
 def moving(path_rad: FloatArray, step_rad: float) -> npt.NDArray[np.bool_]:

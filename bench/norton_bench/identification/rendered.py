@@ -22,7 +22,7 @@ from norton_bench.identification.trials import TAUGHT_HZ, in_band, seen
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import LAW_UNITS, Admittance
 
-RENDER = "render"
+RENDER, WALL_UNIT = "render", "rad"
 # Windows of so long, which overlap by half, and in each one function for every second multiple of 1 / WINDOW_S: the
 # functions of a window, sin⁴ of its phase, are as wide as that.
 WINDOW_S = 0.5
@@ -56,16 +56,19 @@ class Rendered:
 
 
 def name_of(law: Admittance) -> str:
-    """What a segment is called in which this law is rendered: mass, damping and stiffness."""
-    return ", ".join(f"{value!r} {unit}" for value, unit in zip(law.values, LAW_UNITS.values(), strict=True))
+    """What a segment is called in which this law is rendered: mass, damping and stiffness, and the angle of a wall."""
+    parts = [f"{value!r} {unit}" for value, unit in zip(law.values, LAW_UNITS.values(), strict=True)]
+    return ", ".join(parts if law.wall_rad is None else [*parts, f"{law.wall_rad!r} {WALL_UNIT}"])
 
 
 def law_of(segment: SegmentInfo) -> Admittance | None:
     """The law by a segment's name; None where it renders none."""
     parts = [part.split(" ") for part in segment.name.split(", ")]
-    if segment.procedure != RENDER or [part[-1] for part in parts] != list(LAW_UNITS.values()):
+    units, law = [part[-1] for part in parts], list(LAW_UNITS.values())
+    if segment.procedure != RENDER or units not in (law, [*law, WALL_UNIT]):
         return None
-    return Admittance.of(float(part[0]) for part in parts)
+    values = [float(part[0]) for part in parts]
+    return Admittance.of(values[: len(law)], *values[len(law) :])
 
 
 def rendered(measured: Measured, tick_s: float) -> tuple[Rendered, ...]:
@@ -91,12 +94,22 @@ def _of_segment(measured: Measured, segment: SegmentInfo, asked: Admittance, lat
         return Rendered(asked, shortcoming=str(error))
     if readings.torque_nm is None:
         return Rendered(asked, shortcoming="no torque was read")
-    columns, torque = _integrals(readings.load_position_rad, readings.torque_nm, late_s, tick_s)
+    turned_rad = readings.load_position_rad - _reference_rad(measured, segment)
+    sprung_rad = asked.deflection_rad(turned_rad)
+    if asked.stiffness_nm_rad and not sprung_rad.any():
+        return Rendered(asked, shortcoming="the shaft did not come to the wall")
+    columns, torque = _integrals(turned_rad, sprung_rad, readings.torque_nm, late_s, tick_s)
     values, half = _solved(columns, torque)
     torque_nm = float(np.sqrt(np.mean(in_band(readings.torque_nm - np.mean(readings.torque_nm), tick_s) ** 2)))
     law = _triple(values)
     off_nm, left_nm = (torque_nm * _share_left(columns, torque, each) for each in (asked.values, law))
     return Rendered(asked, law, _triple(half), torque_nm, off_nm, left_nm)
+
+
+def _reference_rad(measured: Measured, segment: SegmentInfo) -> float:
+    """From where the law's spring is stretched."""
+    ticks = measured.between(segment.start_ns, segment.end_ns).ticks
+    return float(ticks["reference_position_rad"][0])
 
 
 def _triple(values: FloatArray) -> Triple:
@@ -113,21 +126,21 @@ def _share_left(columns: FloatArray, torque: FloatArray, law: Triple) -> float:
 
 
 def _integrals(
-    position_rad: FloatArray, torque_nm: FloatArray, late_s: float, tick_s: float
+    turned_rad: FloatArray, sprung_rad: FloatArray, torque_nm: FloatArray, late_s: float, tick_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """The equation's columns (windows, rows, UNKNOWN) and its right side (windows, rows), real and imaginary parts."""
     length = round(WINDOW_S / tick_s)
     windows = [
         np.lib.stride_tricks.sliding_window_view(values, length)[:: length // 2]
-        for values in (position_rad - np.mean(position_rad), torque_nm - np.mean(torque_nm))
+        for values in (each - np.mean(each) for each in (turned_rad, sprung_rad, torque_nm))
     ]
     columns, right = [], []
-    turned, torque = windows
+    turned, sprung, torque = windows
     for (function, slope, curvature), (later, *_) in zip(
         _functions(length, 0.0, tick_s), _functions(length, late_s, tick_s), strict=True
     ):
         ones = np.full(len(turned), np.sum(later))
-        columns.append(np.stack([turned @ curvature, -(turned @ slope), turned @ function, ones], axis=-1))
+        columns.append(np.stack([turned @ curvature, -(turned @ slope), sprung @ function, ones], axis=-1))
         right.append(torque @ later)
     rows, sides = np.stack(columns, axis=1), np.stack(right, axis=1)
     return np.concatenate([rows.real, rows.imag], axis=1), np.concatenate([sides.real, sides.imag], axis=1)

@@ -42,8 +42,10 @@ class LoadDoes(Enum):
 
 # These take the controller, which is tuned from the calibration.
 CONTROLLED = (LoadDoes.VELOCITY, LoadDoes.ZERO_TORQUE, LoadDoes.BODY)
-# From one body to another, the laws at these shares of the way are looked at, too.
+# From one body to another, the laws at these shares of the way are looked at, too; the way itself takes GLIDE_S and a
+# segment, and is gone to its end.
 ON_THE_WAY = (0.25, 0.5, 0.75)
+CHANGES_WITHIN_S = 0.8
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,11 @@ class Setpoints:
 
     @property
     def at_zero(self) -> bool:
-        return self.command == 0.0 and self.load_value == 0.0
+        return self.command == 0.0 and self.load_value == 0.0 and self.load is not LoadDoes.BODY
 
     def zeroed(self) -> "Setpoints":
-        """All values zero; the load keeps its mode."""
-        return Setpoints(0.0, self.load, law=self.law)
+        """All values zero; the load keeps its mode, but lets go of a body: that may turn by itself."""
+        return Setpoints(0.0, LoadDoes.COAST if self.load is LoadDoes.BODY else self.load)
 
     def words(self, command_unit: str) -> str:
         """In a few words, for the watcher and the recording."""
@@ -71,7 +73,9 @@ class Setpoints:
             LoadDoes.TORQUE: f"load {self.load_value:+.4g} N*m",
             LoadDoes.VELOCITY: f"load {self.load_value:+.4g} rad/s",
             LoadDoes.ZERO_TORQUE: "zero torque at the port",
-            LoadDoes.BODY: "body " + ", ".join(map("{:.3g} {}".format, self.law.values, LAW_UNITS.values())),
+            LoadDoes.BODY: "body "
+            + ", ".join(map("{:g} {}".format, self.law.values, LAW_UNITS.values()))
+            + ("" if self.law.wall_rad is None else f", wall {self.law.wall_rad:g} rad"),
         }
         return f"actuator {self.command:+.4g} {command_unit}, {load[self.load]}"
 
@@ -200,34 +204,39 @@ class Preset:
         self.leaves, self.cut_short = True, why
 
 
-@dataclass
 class Certifying:
-    """Whether the bench can render a law, found out beside the session: that may take seconds.
+    """Whether the bench can render ``law``, found out beside the session: that may take seconds.
 
-    ``refusal`` is None until it is known, then why not; empty where it can. From a body that the load acts already, the
-    laws on the way must be such, too.
+    From a body that the load acts already, ``before``, the laws on the way must be such, too. ``certificate`` and
+    ``refusal`` are empty until it is known.
     """
 
-    law: Admittance
-    refusal: str | None = field(default=None, init=False)
+    def __init__(self, calibration: "LoadCalibration", tick_s: float, law: Admittance, before: Admittance | None):
+        self.law, self.certificate, self.refusal = law, "", ""
+        self._thread = Thread(target=self._certify, args=(calibration, tick_s, before), daemon=True)
+        self._thread.start()
 
-    def begin(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> "Certifying":
-        Thread(target=self._certify, args=(calibration, tick_s, before), daemon=True).start()
-        return self
+    @property
+    def done(self) -> bool:
+        return not self._thread.is_alive()
 
     def _certify(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> None:
         from norton_bench.control.admittance import between  # noqa: PLC0415  (compiled: slow to import)
         from norton_bench.control.rendering import require_rendered  # noqa: PLC0415
 
+        where = ""
         try:
-            require_rendered(calibration, tick_s, self.law)
+            certificate = require_rendered(calibration, tick_s, self.law).words
             on_the_way = () if before is None else tuple(between(before, self.law, share) for share in ON_THE_WAY)
+            where = "" if before is None else f"on the way from {before.words} to {self.law.words}: "
             for law in on_the_way:
                 require_rendered(calibration, tick_s, law, offers=False)
         except ExperimentError as error:
-            self.refusal = str(error)
+            self.refusal = f"{where}{error}"
+        except Exception as error:  # beside the session nobody else would tell
+            self.refusal = f"{self.law.words}: whether the bench can render it could not be computed ({error!r})"
         else:
-            self.refusal = ""
+            self.certificate = certificate
 
 
 @dataclass
@@ -239,7 +248,8 @@ class Board:
 
     - ``actuator 0.02``, ``load -0.02``: by this share of the greatest value
     - ``coast``, ``torque``, ``velocity``, ``zero_torque``: the mode of the load, starting at zero
-    - ``body 0.0005 0.02 0.5``: the load acts this mass [kg m²], damping [N m s/rad] and stiffness [N m/rad]
+    - ``body 0.0005 0.02 0.5``: the load acts this mass [kg m²], damping [N m s/rad] and stiffness [N m/rad]; the
+      stiffness of a wall with a fourth number, its angle [rad]
     - ``zero``: everything back to zero; ``here``: the operator is present
     - ``calibrate``: measure the load, with the drives idle before and after; ``end``: back to zero, and end
     """
@@ -253,7 +263,9 @@ class Board:
     leaves: bool = field(default=False, init=False)
     _wanted: Setpoints = field(default_factory=Setpoints, init=False)
     _calibration: "LoadCalibration | None" = field(default=None, init=False)
-    _certifying: Certifying | None = field(default=None, init=False)
+    _certifying: Certifying | None = field(default=None, init=False)  # the last that was begun
+    _asked: Certifying | None = field(default=None, init=False)  # the same, while its law is still wanted
+    _changed_s: float = field(default=-inf, init=False)  # when the last law was taken over
     _touched_s: float = field(default=0.0, init=False)
     _said: list[Order] = field(default_factory=list, init=False)
 
@@ -279,21 +291,21 @@ class Board:
                 yield order
 
     def begin(self, calibration: "LoadCalibration | None") -> None:
-        self._calibration, self.calibrates, self.leaves = calibration, False, False
-        self._wanted, self._touched_s, self._certifying = Setpoints(), self.clock(), None
+        self._calibration, self.calibrates, self.leaves, self._changed_s = calibration, False, False, -inf
+        self._wanted, self._touched_s, self._asked = Setpoints(), self.clock(), None
 
     def wanted(self, elapsed_s: float) -> Setpoints:
-        self._certified()
+        self._certified(elapsed_s)
         silent_s = self.clock() - self._touched_s
         if silent_s > self.dead_man_s and not self._wanted.at_zero:
             self.let_go(f"no key for {self.dead_man_s:g} s: everything returns to zero")
         if silent_s > max(ABANDONED_S, self.dead_man_s) and not self.leaves:
-            self.leaves = True
+            self.leaves, self._asked = True, None
             self._tell(f"no key for {silent_s:.0f} s: the drives go idle")
         return self._wanted
 
     def let_go(self, why: str) -> None:
-        self._wanted = self._wanted.zeroed()
+        self._wanted, self._asked = self._wanted.zeroed(), None
         self._tell(why)
 
     def could_not_calibrate(self, why: str) -> None:
@@ -314,11 +326,12 @@ class Board:
         elif word == "load":
             self._nudge_load(float(share))
         elif word == "body":
-            self._act(Admittance.of(map(float, share.split())))
+            values = [float(value) for value in share.split()]
+            self._act(Admittance.of(values[: len(LAW_UNITS)], *values[len(LAW_UNITS) :]))
         elif word in LOAD_WORDS:
             self._choose(LOAD_WORDS[word])
         elif word in ("zero", "calibrate", "end"):
-            self._wanted, self._certifying = self._wanted.zeroed(), None
+            self._wanted, self._asked = self._wanted.zeroed(), None
             self.leaves = word != "zero"
             self.calibrates = word == "calibrate" and self._may_calibrate()
 
@@ -338,7 +351,7 @@ class Board:
             self._want(replace(self._wanted, load_value=self._wanted.load_value + by))
 
     def _choose(self, load: LoadDoes) -> None:
-        self._certifying = None
+        self._asked = None
         if load is not self._wanted.load and self._can(load):
             self._wanted = Setpoints(self._wanted.command, load)
 
@@ -352,23 +365,29 @@ class Board:
         return True
 
     def _act(self, law: Admittance) -> None:
-        if not law.has_body:
+        if not law.has_body or not all(map(isfinite, law.values)):
             self._tell("a body has a mass, a damping or a stiffness; for none of them keep the port at zero torque (z)")
+        elif self._certifying is not None and not self._certifying.done:
+            self._tell("the last body is still being looked at: ask again in a moment")
         elif self._can(LoadDoes.BODY):
             assert self._calibration is not None
             before = self._wanted.law if self._wanted.load is LoadDoes.BODY else None
-            self._certifying = Certifying(law).begin(self._calibration, self.rig.tick_s, before)
+            self._asked = self._certifying = Certifying(self._calibration, self.rig.tick_s, law, before)
 
-    def _certified(self) -> None:
-        """Take the law over that the bench can render."""
-        asked = self._certifying
-        if asked is None or asked.refusal is None:
+    def _certified(self, elapsed_s: float) -> None:
+        """Take the law over that the bench can render, once the body has become what was asked for before."""
+        asked = self._asked
+        if asked is None or not asked.done:
             return
-        self._certifying = None
         if asked.refusal:
             self._tell(asked.refusal)
+        elif elapsed_s < self._changed_s + CHANGES_WITHIN_S:
+            return
         else:
+            self._tell(asked.certificate)
             self._wanted = Setpoints(self._wanted.command, LoadDoes.BODY, law=asked.law)
+            self._changed_s = elapsed_s
+        self._asked = None
 
     def _may_calibrate(self) -> bool:
         try:

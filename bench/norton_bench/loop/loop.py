@@ -148,6 +148,8 @@ class Loop:
         self.guard.begin(self._sample)
         self._troubles.begin(now_ns)
         self._last, self._reference_rad = None, None
+        if self.controller is not None:
+            self.controller.rest()
         self._next_ns = now_ns + self.tick_ns
 
     def run(self, segment: Segment) -> Measured:
@@ -205,7 +207,7 @@ class Loop:
     def _prepared(self, segment: Segment) -> SegmentRun:
         """Ready for its first tick, which is the next one that is not over yet."""
         base_rad, last = self._reference_rad, self._last
-        if base_rad is None or last is None or not last.goes_on(segment):
+        if base_rad is None or last is None or not last.keeps_reference_for(segment):
             base_rad = self._sample.load_position_rad
         run = SegmentRun(segment, self.controller, base_rad)
         self._skip_missed(run, self._clock.now_ns())

@@ -122,13 +122,19 @@ class SegmentRun:
 
     @property
     def end_rad(self) -> float | None:
-        """Where the reference of the last tick stood; None without a reference that the load is held or drawn to."""
+        """Where the reference of the last tick stood; None without a reference."""
         law = self.segment.admittance
-        if not (self._admits and (law.rigid or law.stiffness_nm_rad)):
+        if not (self._admits and (law.rigid or law.has_body)):
             return None
         return self.steps.at(self.index - 1).target.position_rad
 
-    def goes_on(self, segment: Segment) -> bool:
-        """Whether the reference of the next segment begins where this one's ended. From a spring's rest the load may be
-        far away: no motion that is imposed begins there."""
-        return self.segment.admittance.rigid or not segment.admittance.rigid
+    def keeps_reference_for(self, segment: Segment) -> bool:
+        """Whether the reference of the next segment begins where this one's ended, not where the load stands.
+
+        An imposed motion may have left the load behind, and a spring may be deflected: none begins where the other
+        ended. A spring that is let go keeps its place while it goes; one that comes has a new one.
+        """
+        before, after = self.segment.admittance, segment.admittance
+        if after.has_body:
+            return before.has_body and (before.stiffness_nm_rad > 0.0 or after.stiffness_nm_rad == 0.0)
+        return before.rigid or not after.rigid

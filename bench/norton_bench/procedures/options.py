@@ -9,7 +9,7 @@ same bounds hold for both. Examples are the defaults as written in a file, and s
 from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from norton_bench.units import MOST_IN_RANGE, parse_quantity, parse_range
 
@@ -131,16 +131,23 @@ class IterateOptions(Options):
 class RenderOptions(Options):
     """A virtual body at the port: M dv/dt + B v + K (x − x_ref) = τ_port, from where the shaft stands.
 
-    All three zero is zero torque. The actuator's command is a multisine up to ``highest_hz`` that fills the share
-    ``amplitude`` of the free command span.
+    All three zero is zero torque. ``wall_rad``: the spring begins at this angle, and acts on that side alone. The
+    actuator's command is a multisine up to ``highest_hz`` that fills the share ``amplitude`` of the free command span.
     """
 
     mass_kgm2: Inertia = Field(0.0, alias="mass", ge=0, examples=["0 kg*m^2"])
     damping_nms_rad: Damping = Field(0.0, alias="damping", ge=0, examples=["0 N*m*s/rad"])
     stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["0 N*m/rad"])
+    wall_rad: Radians | None = Field(None, alias="wall", examples=["0.1 rad"])
     amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
     duration_s: Seconds = Field(8.0, alias="duration", ge=3, examples=["8 s"])
     highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
+
+    @model_validator(mode="after")
+    def _a_wall_is_stiff(self) -> "RenderOptions":
+        if self.wall_rad is not None and not self.stiffness_nm_rad:
+            raise ValueError('a wall needs a stiffness, such as stiffness = "2 N*m/rad"')
+        return self
 
 
 class InSituOptions(Options):

@@ -1,7 +1,6 @@
 """A virtual body at the port: the load acts a mass, a damper and a spring while the actuator pushes."""
 
 from dataclasses import dataclass, field
-from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -35,7 +34,8 @@ class RenderProcedure:
     @property
     def law(self) -> Admittance:
         options = self.options
-        return Admittance(options.mass_kgm2, options.damping_nms_rad, options.stiffness_nm_rad)
+        values = options.mass_kgm2, options.damping_nms_rad, options.stiffness_nm_rad
+        return Admittance.of(values, options.wall_rad)
 
     def require(self, rig: Rig) -> None:
         refuse_servo(rig, self.name)
@@ -50,16 +50,7 @@ class RenderProcedure:
             return ()
         if known.calibration is None:
             raise ExperimentError("render: needs a calibrated load drive; run the step 'calibrate' before it")
-        result = require_rendered(known.calibration, known.tick_s, self.law)
-        words = f"render: {self.law.words} is stable with an actuator of {result.lightest_kgm2:.2g} kg*m^2"
-        if result.heaviest_kgm2 < inf:
-            end = "whose friction slides or sticks; not with one that is held"
-            return (f"{words} to {result.heaviest_kgm2:.2g}, {end}",)
-        return (
-            f"{words} or more, whose friction slides or sticks, and with one that is held; with any other passive one "
-            f"that has {result.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which "
-            f"{result.needed_at_hz:.3g} Hz ask for",
-        )
+        return (f"render: {require_rendered(known.calibration, known.tick_s, self.law).words}",)
 
     def plan(self, known: Knowledge) -> Plan:
         options, tick_s = self.options, known.tick_s

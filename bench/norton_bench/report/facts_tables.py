@@ -193,8 +193,8 @@ def rendered_facts(results: Sequence[Rendered]) -> Facts:
     rows = tuple(
         (
             *(
-                f"{within(factor * value, factor * half)} ({number(factor * asked, 3)})"
-                for (_, _, factor), asked, value, half in _law(result)
+                f"{within(factor * value, factor * half)} ({number(factor * asked, 3)}{_wall(result, name)})"
+                for (name, _, factor), asked, value, half in _law(result)
             ),
             number(1e3 * result.torque_nm, 3),
             number(1e3 * result.off_nm, 2),
@@ -209,13 +209,20 @@ def rendered_sentence(result: Rendered) -> str:
     if result.shortcoming:
         return f"Rendered: {name_of(result.asked)} was asked for; not measured, because {result.shortcoming}."
     parts = [
-        f"{name} {within(factor * value, factor * half)} {unit} ({number(factor * asked, 3)} asked for)"
+        f"{name} {within(factor * value, factor * half)} {unit} "
+        f"({number(factor * asked, 3)}{_wall(result, name)} asked for)"
         for (name, unit, factor), asked, value, half in _law(result)
     ]
     return (
         f"Rendered: {', '.join(parts)}; of {1e3 * result.torque_nm:.2g} mN·m rms at the port the law asked for leaves "
         f"{1e3 * result.off_nm:.2g} unexplained."
     )
+
+
+def _wall(result: Rendered, part: str) -> str:
+    """Where the spring begins, if it is a wall's."""
+    wall_rad = result.asked.wall_rad
+    return "" if wall_rad is None or part != "stiffness" else f" beyond {number(wall_rad, 3)} rad"
 
 
 def _law(result: Rendered) -> Iterator[tuple[tuple[str, str, float], float, float, float]]:

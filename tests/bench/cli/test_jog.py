@@ -92,6 +92,7 @@ def test_a_value_that_cannot_be_held_is_a_failure(tmp_path: Path, capsys: pytest
         ([ODRIVE, "--load-torque", "1", "--zero-torque"], "one of them at a time"),
         ([ODRIVE, "--mass", "1e-3", "--zero-torque"], "one of them at a time"),
         ([ODRIVE, "--damping=-0.1"], "none may be negative"),
+        ([ODRIVE, "--damping", "0.1", "--wall", "0.2 rad"], "--wall needs --stiffness"),
         ([ODRIVE, "--stiffness", "0"], "for zero torque --zero-torque"),
         ([str(RIGS / "sim-in-situ.toml"), "--mass", "1e-3"], "needs a torque sensor"),
         ([ODRIVE, "--actuator", "1 rad"], "--actuator"),

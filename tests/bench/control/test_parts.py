@@ -159,6 +159,16 @@ def test_a_body_becomes_another_one_without_a_jump() -> None:
     assert moves[-1].position_rad == pytest.approx([alone.step(0.05, Target()).position_rad for _ in range(2500)][-1])
 
 
+@pytest.mark.parametrize(
+    ("wall_rad", "turned_rad", "deflected_rad"),
+    [(0.1, 0.3, 0.2), (0.1, 0.1, 0.0), (0.1, -0.3, 0.0), (-0.1, -0.3, -0.2), (-0.1, 0.3, 0.0), (0.0, 0.3, 0.3)],
+)
+def test_a_wall_is_on_one_side(wall_rad: float, turned_rad: float, deflected_rad: float) -> None:
+    law = Admittance(stiffness_nm_rad=1.0, wall_rad=wall_rad)
+    assert law.deflection_rad(turned_rad) == pytest.approx(deflected_rad)
+    assert law.deflection_rad(np.array([turned_rad, wall_rad])) == pytest.approx([deflected_rad, 0.0])
+
+
 def test_half_way_between_two_laws_is_half_of_both() -> None:
     law = between(Admittance(1e-3, 0.0, 2.0), Admittance(3e-3, 0.1), 0.5)
     assert law.values == pytest.approx((2e-3, 0.05, 1.0))

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from functools import lru_cache
 from math import inf
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -22,15 +23,12 @@ from tests.bench.control.plant import ACTUATOR, Plant, PlantSettings, Side
 from tests.bench.control.runs import LIMIT_NM, TICK_S, WARM_TICKS, calibrated, warmed_up
 
 REST = Target()
+in_words = attrgetter("words")
 KEYS = {"mass": "mass_kgm2", "damping": "damping_nms_rad", "stiffness": "stiffness_nm_rad"}
 # A body in something viscous, and two on springs.
 RENDERED = (Admittance(5e-4, 2e-2), Admittance(1e-3, 3e-2, 1.0), Admittance(1e-3, 5e-2, 2.0))
 # They oscillate where the actuator's friction sticks; and the last one lets the load run into its own delay.
 REFUSED = (Admittance(5e-4), Admittance(5e-3), Admittance(damping_nms_rad=1e-2))
-
-
-def in_words(law: Admittance) -> str:
-    return law.words
 
 
 def without_friction(settings: PlantSettings) -> PlantSettings:
@@ -228,6 +226,46 @@ def test_energy_that_came_back_is_what_body_and_spring_had_stored() -> None:
     assert lost_j[-1] == pytest.approx(by_damper_j[-1], rel=0.15)
 
 
+WALL = Admittance(5e-4, 2e-2, 2.0, wall_rad=0.1)
+
+
+def test_before_a_wall_the_body_is_free_and_in_it_the_spring_holds() -> None:
+    """Pushed into it, the port's torque is that of the spring beyond its angle; pushed away, that of the damper."""
+    settings = PlantSettings()
+    plant, controller = warmed_up(settings, calibrated(settings))
+    base = Target(plant.sample().load_position_rad)
+    controller.begin(plant.sample(), WALL)
+    rows = []
+    for value in np.where(np.arange(4000) < 2000, 0.08, -0.05):
+        wish = controller.update(plant.sample(), base, base)
+        controller.note_sent(wish)
+        rows.append((port_torque(plant), plant.state[4] - base.position_rad, plant.state[5]))
+        plant.step(value, wish)
+    torque, place, velocity = np.array(rows).T
+    still, gone = slice(1700, 2000), slice(3700, 4000)
+    assert np.std(torque[still]) < 1e-3
+    assert np.mean(place[still]) == pytest.approx(0.1 + np.mean(torque[still]) / WALL.stiffness_nm_rad, abs=1e-3)
+    assert np.mean(place[still]) > 0.12
+    assert np.mean(place[gone]) < 0.0
+    assert np.mean(velocity[gone]) == pytest.approx(np.mean(torque[gone]) / WALL.damping_nms_rad, rel=0.02)
+
+
+def test_a_wall_is_rendered_where_the_laws_on_both_sides_are() -> None:
+    calibration = calibrated(PlantSettings())
+    before, behind = replace(WALL, stiffness_nm_rad=0.0, wall_rad=None), replace(WALL, wall_rad=None)
+    sides = [rendering(calibration, TICK_S, each) for each in (before, behind)]
+    both = rendering(calibration, TICK_S, WALL)
+    assert both.law == WALL
+    assert not both.unstable
+    assert both.needed_damping_nms_rad == max(each.needed_damping_nms_rad for each in sides)
+    refused = replace(WALL, mass_kgm2=1e-3, damping_nms_rad=3e-2, stiffness_nm_rad=5.0)
+    assert rendering(calibration, TICK_S, replace(refused, stiffness_nm_rad=0.0, wall_rad=None)).unstable
+    assert rendering(calibration, TICK_S, refused).unstable
+    with pytest.raises(ExperimentError, match=r"beyond 0\.1 rad: before the wall there is no mass and no damping"):
+        rendering(calibration, TICK_S, Admittance(stiffness_nm_rad=2.0, wall_rad=0.1))
+
+
 def test_a_law_is_in_words_without_what_is_zero() -> None:
     assert Admittance(5e-4, 0.0, 2.0).words == "0.0005 kg*m^2 of mass, 2 N*m/rad of stiffness"
     assert ZERO_TORQUE.words == "zero torque"
+    assert WALL.words.endswith("2 N*m/rad of stiffness beyond 0.1 rad")

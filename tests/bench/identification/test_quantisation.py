@@ -119,7 +119,11 @@ def shaky(seed):
     return driven(seed) + ROUNDING * np.random.default_rng(seed).standard_normal(60_000)
 
 
-@pytest.mark.parametrize("moved", [driven, cogged, shaky, at_one_speed])
+def sent_twice(seed):
+    return np.repeat(at_one_speed(seed), 2)
+
+
+@pytest.mark.parametrize("moved", [driven, cogged, shaky, at_one_speed, sent_twice])
 @pytest.mark.parametrize("seed", range(5))
 def test_none_are_seen_behind_steps_that_are_the_counts(seed, moved):
     motion = moved(seed)
@@ -134,6 +138,12 @@ def test_a_reading_lies_within_the_width_of_its_steps(ratio, rounded, zero, seed
     values = np.random.default_rng(seed).uniform(-1.0, 1.0, 2000)
     errors = steps.read(values, zero * STEP) - values
     assert np.max(np.abs(errors)) <= 0.5 * steps.width * (1 + 1e-9)
+
+
+def test_a_reading_that_is_no_number_hides_no_counts():
+    read = Resolution(2 * np.pi / 16384, ROUNDING).read(driven(1))
+    read[1000] = np.nan
+    assert resolution_of(read).count == pytest.approx(2 * np.pi / 16384, rel=1e-4)
 
 
 def test_the_variance_of_errors_is_that_of_both_steps():

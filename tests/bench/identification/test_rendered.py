@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lfilter
 from scipy.stats import binom
 
@@ -114,6 +115,40 @@ def test_zero_torque_explains_none_of_it() -> None:
     assert result.off_nm == pytest.approx(result.torque_nm, rel=0.01)
 
 
+def test_the_stiffness_of_a_wall_is_measured_in_it() -> None:
+    """A body that scipy's solver moves into it and out of it."""
+    law = Admittance(5e-4, 2e-2, 0.5, wall_rad=0.01)
+    results = [one(of_wall(law, seed)) for seed in range(10)]
+    errors = np.array([each.measured for each in results]) - np.array(law.values)
+    half = np.array([each.half for each in results])
+    assert np.all(np.abs(errors[:, 2]) < 0.02)
+    assert np.count_nonzero(np.abs(errors) < half) >= binom.ppf(1e-3, errors.size, 0.93)
+    assert results[0].asked == law
+
+
+def test_a_wall_that_the_shaft_does_not_come_to_has_no_stiffness() -> None:
+    law = Admittance(5e-4, 2e-2, 0.5, wall_rad=50.0)
+    assert one(of_wall(law, 1)).shortcoming == "the shaft did not come to the wall"
+
+
+def of_wall(law: Admittance, seed: int) -> Measured:
+    """The readings of a body with a wall, which begins a little before it."""
+    torque = port_torque(seed)
+    time_s, start_rad = np.arange(len(torque)) * TICK_S, 1.7
+
+    def moved(at_s: float, state: FloatArray) -> list[float]:
+        turned_rad, velocity_rad_s = state
+        pull = np.interp(at_s, time_s, torque) - law.damping_nms_rad * velocity_rad_s
+        return [velocity_rad_s, (pull - law.stiffness_nm_rad * max(turned_rad - law.wall_rad, 0.0)) / law.mass_kgm2]
+
+    path = solve_ivp(moved, (0.0, time_s[-1]), [0.0, 0.0], t_eval=time_s, rtol=1e-8, atol=1e-10, max_step=TICK_S).y[0]
+    measured = named(readings(law, seed), law)
+    motion, ticks = measured.load_motion.copy(), measured.ticks.copy()
+    motion["position_rad"] = np.floor((start_rad + path) / COUNT_RAD) * COUNT_RAD
+    ticks["reference_position_rad"] = start_rad
+    return replace(measured, load_motion=motion, motion=motion, ticks=ticks)
+
+
 def test_a_law_that_acted_too_briefly_has_a_reason_instead_of_values() -> None:
     result = one(readings(LAWS[0], 1, duration_s=2.9))
     assert result.shortcoming == "the law acted for 2.9 s, and 3 s are needed"
@@ -134,7 +169,9 @@ def test_without_a_calibration_damping_and_mass_cannot_be_told_apart(monkeypatch
     assert one(readings(LAWS[0], 1)).shortcoming == "the calibration tells no delays: nothing was calibrated"
 
 
-@pytest.mark.parametrize("law", [*LAWS, ZERO_TORQUE, Admittance(1 / 3e3, 1e-9, 123.456)], ids=str)
+@pytest.mark.parametrize(
+    "law", [*LAWS, ZERO_TORQUE, Admittance(1 / 3e3, 1e-9, 123.456), Admittance(1.0, 2.0, 3.0, wall_rad=-0.1)], ids=str
+)
 def test_a_segment_bears_its_law(law: Admittance) -> None:
     segment = SegmentInfo(0, RENDER, name_of(law), Use.PREPARE, "admittance", 0, 1)
     assert law_of(segment) == law

@@ -13,8 +13,18 @@ import pytest
 
 from norton_bench.control import rendering
 from norton_bench.control.calibration import LoadCalibration
+from norton_bench.errors import ExperimentError
 from norton_bench.jog import hands
-from norton_bench.jog.hands import ABANDONED_S, DEAD_MAN_S, Board, LoadDoes, Preset, Setpoints, bounds_of
+from norton_bench.jog.hands import (
+    ABANDONED_S,
+    CHANGES_WITHIN_S,
+    DEAD_MAN_S,
+    Board,
+    LoadDoes,
+    Preset,
+    Setpoints,
+    bounds_of,
+)
 from norton_bench.loop.stop_word import StopWord
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
@@ -34,6 +44,7 @@ class Keys:
     answers: bool = True
     stop: StopWord = field(default_factory=StopWord)
     now_s: float = 0.0
+    elapsed_s: float = 0.0
     said: list[str] = field(default_factory=list)
     _orders: list[Order] = field(default_factory=list)
 
@@ -54,7 +65,7 @@ class Keys:
     def press(self, board: Board, *texts: str) -> Setpoints:
         """What is wanted then."""
         self.give(board, *texts)
-        wanted = board.wanted(0.0)
+        wanted = board.wanted(self.elapsed_s)
         self.listen(board)
         return wanted
 
@@ -81,10 +92,18 @@ class Later:
     begun: ClassVar[list["Later"]] = []
 
     def __init__(self, target: Callable[..., None], args: tuple[Any, ...], daemon: bool) -> None:
-        self.run = lambda: target(*args)
+        self.target, self.args, self.ran = target, args, False
 
     def start(self) -> None:
         self.begun.append(self)
+
+    def run(self) -> None:
+        if not self.ran:
+            self.target(*self.args)
+        self.ran = True
+
+    def is_alive(self) -> bool:
+        return not self.ran
 
 
 @pytest.fixture(autouse=True)
@@ -96,6 +115,7 @@ def later(monkeypatch: pytest.MonkeyPatch) -> None:
 def certified(keys: Keys, board: Board) -> Setpoints:
     """What is wanted once the certificate of the last law is there."""
     Later.begun[-1].run()
+    keys.elapsed_s += 1.0
     return keys.press(board)
 
 
@@ -141,8 +161,16 @@ def test_a_body_is_acted_once_it_is_certified(keys: Keys) -> None:
     assert certified(keys, board) == Setpoints(0.05, LoadDoes.BODY, law=BODY)
     keys.press(board, "body 0.0005 0.02 0.5")
     assert certified(keys, board).law == SPRING
-    assert keys.press(board, "zero") == Setpoints(0.0, LoadDoes.BODY, law=SPRING)
-    assert keys.said == []
+    assert "0.5 N*m/rad of stiffness is stable with an actuator of" in keys.said[-1]
+    assert keys.press(board, "zero") == Setpoints()
+
+
+def test_a_wall_is_a_body_with_an_angle(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 2.0 -0.1")
+    wanted = certified(keys, board)
+    assert wanted.law == Admittance(5e-4, 2e-2, 2.0, wall_rad=-0.1)
+    assert wanted.words("A").endswith("2 N*m/rad, wall -0.1 rad")
 
 
 def test_a_body_that_the_bench_cannot_render_is_refused_with_one_that_it_can(keys: Keys) -> None:
@@ -152,9 +180,70 @@ def test_a_body_that_the_bench_cannot_render_is_refused_with_one_that_it_can(key
     assert re.search("cannot render 0.0005 kg.m.2 of mass: .*; it can with a damping of", keys.said[-1])
 
 
+def test_a_body_is_what_was_asked_for_before_it_becomes_another(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    certified(keys, board)
+    keys.press(board, "body 0.0005 0.02 0.5")
+    Later.begun[-1].run()
+    assert keys.press(board).law == BODY
+    keys.elapsed_s += CHANGES_WITHIN_S
+    assert keys.press(board).law == SPRING
+
+
+def test_one_body_is_looked_at_at_a_time(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0", "body 0.0005 0.02 0.5")
+    assert "ask again in a moment" in keys.said[-1]
+    assert certified(keys, board).law == BODY
+
+
+def test_what_keeps_a_certificate_from_being_computed_is_told(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise ArithmeticError("singular")
+
+    monkeypatch.setattr(rendering, "require_rendered", fails)
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    assert certified(keys, board).load is LoadDoes.COAST
+    assert "could not be computed (ArithmeticError('singular'))" in keys.said[-1]
+    assert keys.press(board, "body 0 0 inf").load is LoadDoes.COAST
+    assert "zero torque (z)" in keys.said[-1]
+
+
+def test_a_refusal_on_the_way_says_so(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+    def half(_: object, __: object, law: Admittance, *, offers: bool = True) -> rendering.Rendering:
+        if not offers:
+            raise ExperimentError(f"this bench cannot render {law.words}")
+        return rendering.Rendering(law)
+
+    monkeypatch.setattr(rendering, "require_rendered", half)
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    assert certified(keys, board).law == BODY
+    keys.press(board, "body 0.0005 0.02 0.5")
+    assert certified(keys, board).law == BODY
+    assert keys.said[-1].startswith("on the way from 0.0005 kg*m^2 of mass, 0.02 N*m*s/rad of damping to 0.0005")
+
+
+def test_without_a_key_a_body_is_let_go_of_and_none_is_taken_over(keys: Keys) -> None:
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    certified(keys, board)
+    keys.press(board, "body 0.0005 0.02 0.5")
+    keys.now_s = DEAD_MAN_S + 0.1
+    assert board.wanted(2.0) == Setpoints()
+    Later.begun[-1].run()
+    assert board.wanted(9.0) == Setpoints()
+    keys.listen(board)
+    assert keys.said[-1] == f"no key for {DEAD_MAN_S:g} s: everything returns to zero"
+
+
 def test_laws_on_the_way_from_one_body_to_another_are_looked_at(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
-    monkeypatch.setattr(rendering, "require_rendered", lambda *given, **_: tried.append(given[2]))
+    monkeypatch.setattr(
+        rendering, "require_rendered", lambda *given, **_: (tried.append(given[2]), rendering.Rendering(given[2]))[1]
+    )
     board = board_of(keys, calibrated=True)
     keys.press(board, "body 0.0005 0.02 0")
     certified(keys, board)

@@ -142,6 +142,51 @@ def test_a_spring_keeps_its_place_from_segment_to_segment() -> None:
     assert centre[held] == pytest.approx(place[1805], abs=0.01)
 
 
+def test_a_spring_that_is_let_go_goes_without_a_jump() -> None:
+    """Its place stays while it goes; one that comes later has its place where the load stands then."""
+    spring, none = Admittance(5e-4, 2e-2, 0.5), Admittance(5e-4, 2e-2)
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.controller = AdmittanceController(
+            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
+        )
+        bench.loop.run(acting(spring, 600))
+        for law in (none, none, none, none, spring):
+            bench.loop.run(acting(law, 200))
+    ticks = join(bench.parts).ticks
+    place, centre = ticks["load_position_rad"], ticks["reference_position_rad"]
+    gone = slice(600, 1400)
+    assert np.ptp(centre[:1400]) == 0.0
+    # By the law the velocity changes by no more than the port's torque moves the mass in a tick, from below 1 rad/s.
+    assert np.max(np.abs(np.diff(ticks["load_velocity_rad_s"][gone]))) < 0.3
+    assert place[1399] - place[600] > 0.5
+    assert centre[1400] == pytest.approx(place[1399], abs=0.02)
+
+
+def test_after_the_drives_were_idle_a_body_begins_where_the_shaft_is() -> None:
+    law = Admittance(5e-4, 2e-2)
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench:
+        controller = bench.loop.controller = AdmittanceController(
+            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
+        )
+        with bench.loop.running():
+            bench.loop.run(acting(law, 300))
+        body = controller._body
+        with bench.loop.running():
+            bench.loop.run(acting(law, 5))
+    assert controller._body is not body
+
+
+def test_a_spring_after_an_imposed_motion_has_its_place_where_the_load_stands() -> None:
+    """It may have been left behind, by more than its torque could take along."""
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.controller = AdmittanceController(PlantSettings().calibration(), TICK_S, 1e-3)
+        bench.loop.run(turning(400, 10.0))
+        bench.loop.run(acting(Admittance(5e-4, 2e-2, 0.5), 5))
+    ticks = join(bench.parts).ticks
+    assert ticks["reference_position_rad"][399] - ticks["load_position_rad"][399] > 0.5
+    assert ticks["reference_position_rad"][400] == pytest.approx(ticks["load_position_rad"][399], abs=1e-2)
+
+
 @pytest.mark.long
 def test_it_is_not_held_for_ever() -> None:
     with (

@@ -114,6 +114,7 @@ async def test_every_key_orders_what_it_says(by_hand: Experiment, session: Stand
             (["escape"], "end"),
             (["k", "y"], "calibrate"),
             (["b", "backspace", *"5e-4", "tab", "backspace", *"0.02", "enter"], "body 0.0005 0.02 0.0"),
+            (["b", "tab", "tab", *"2", "tab", "minus", *"0.1", "enter"], "body 0.0005 0.02 2.0 -0.1"),
             (["plus", "up"], "actuator 0.05"),
             (["minus", "minus", "minus", "minus", "down"], "actuator -0.005"),
         ):

@@ -51,12 +51,14 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 @pytest.mark.long
 def test_the_port_has_the_law_that_was_asked_for(result: Result) -> None:
     """Damping and stiffness; the mass is what the delay makes of it, and measured as such."""
-    viscous, spring, nothing = result.rendered
+    viscous, spring, wall, nothing = result.rendered
     assert viscous.asked == Admittance(5e-4, 2e-2)
     assert spring.asked == Admittance(5e-4, 2e-2, 0.5)
     assert viscous.measured[1] == pytest.approx(2e-2, rel=0.1)
     assert spring.measured[2] == pytest.approx(0.5, rel=0.02)
-    for each in (viscous, spring):
+    assert wall.asked == Admittance(5e-4, 2e-2, 2.0, wall_rad=0.1)
+    assert wall.measured[2] == pytest.approx(2.0, rel=0.05)
+    for each in (viscous, spring, wall):
         assert 0.0 < each.measured[0] < 1e-3
         assert each.left_nm <= each.off_nm < 0.4 * each.torque_nm
     assert nothing.asked == ZERO_TORQUE
@@ -67,7 +69,7 @@ def test_the_port_has_the_law_that_was_asked_for(result: Result) -> None:
 def test_the_certificate_is_recorded_with_the_plan(result: Result) -> None:
     assert result.measured is not None
     certificates = [event.text for event in result.measured.events if event.text.startswith("render: ")]
-    assert len(certificates) == 2
+    assert len(certificates) == 3
     assert "0.0005 kg*m^2 of mass, 0.02 N*m*s/rad of damping is stable with an actuator of " in certificates[0]
 
 

@@ -120,12 +120,13 @@ def imposes(picture: Picture) -> bool:
 
 
 def pushes(picture: Picture) -> bool:
-    """Whether any setpoint is not zero."""
+    """Whether any setpoint is not zero, or a body acts."""
     rows, segment = picture.recent.rows(), picture.segment
     if segment is None or segment.procedure != NAME or not len(rows):
         return False
     pushed = segment.mode == LoadMode.TORQUE.value and rows["load_torque_nm"][-1] != 0.0
-    return bool(pushed or rows["command"][-1] != 0.0 or rows["reference_velocity_rad_s"][-1] != 0.0)
+    acts = segment.mode == LoadMode.ADMITTANCE.value and ", body " in segment.name
+    return bool(pushed or acts or rows["command"][-1] != 0.0 or rows["reference_velocity_rad_s"][-1] != 0.0)
 
 
 def device_rows(picture: Picture, width: int, height: int) -> list[Row]:

@@ -111,7 +111,7 @@ def _pairs(rows: Table) -> FloatArray:
 
 
 KEPT = 400
-STEP = "step"
+STEP, OPERATOR = "step", "operator"
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,8 @@ class EventLog:
         self.total = 0
 
     def add(self, line: LogLine) -> None:
-        """Append a line, unless it repeats the text of an event; the name of a step may repeat."""
-        if line.kind != STEP and any(line.text == before.text for before in list(self.lines)[-8:]):
+        """Append a line, unless it repeats the text of an event; steps and answers to an operator may repeat."""
+        if line.kind not in (STEP, OPERATOR) and any(line.text == before.text for before in list(self.lines)[-8:]):
             return
         self.lines.append(line)
         self.total += 1

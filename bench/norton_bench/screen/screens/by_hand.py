@@ -19,6 +19,7 @@ from norton_bench.screen.panels.by_hand import Asking, asked_rows, device_rows, 
 from norton_bench.screen.panels.health import in_short, signal_rows
 from norton_bench.screen.panels.progress import LINE_BEGINS, log_rows, title_row
 from norton_bench.screen.panels.rows import Panel, Plot
+from norton_bench.screen.picture.picture import OPERATOR
 from norton_bench.screen.plots import PlotFigure
 from norton_bench.screen.screens import keys
 from norton_bench.screen.screens.questions import Body, Confirm, Mark
@@ -54,6 +55,7 @@ class ByHandScreen(Screen[None]):
         self._told_state: SessionState | None = None
         self._told_end: Ended | None = None
         self._told_lines = 0  # of the log
+        self._marks = set[str]()  # of one's own
 
     def compose(self) -> ComposeResult:
         yield Panel(self._title, id="title")
@@ -142,9 +144,11 @@ class ByHandScreen(Screen[None]):
         log = self.experiment.picture.log
         new = list(log.lines)[-(log.total - self._told_lines) :] if log.total > self._told_lines else []
         self._told_lines = log.total
+        room = self.query_one("#happened").size.width - LINE_BEGINS
         for line in new:
-            if line.kind == "operator" and len(line.text) > self.size.width - LINE_BEGINS:
-                self.notify(line.text.removeprefix("mark: "), severity="warning", timeout=15, markup=False)
+            text = line.text.removeprefix("mark: ")
+            if line.kind == OPERATOR and len(line.text) > room and text not in self._marks:
+                self.notify(text, severity="warning", timeout=15, markup=False)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Hide keys that have no effect now."""
@@ -180,7 +184,8 @@ class ByHandScreen(Screen[None]):
         def act(law: Admittance | None) -> None:
             if law is not None:
                 self._law = law
-                self._order("body " + " ".join(map(repr, law.values)))
+                wall = () if law.wall_rad is None else (law.wall_rad,)
+                self._order("body " + " ".join(map(repr, (*law.values, *wall))))
 
         self.app.push_screen(Body(self._law), act)
 
@@ -203,7 +208,12 @@ class ByHandScreen(Screen[None]):
         self.call_after_refresh(self.draw_frame, all_of_it=True)
 
     def action_mark(self) -> None:
-        self.app.push_screen(Mark(), lambda text: self.experiment.order("mark", text) if text else None)
+        def put(text: str | None) -> None:
+            if text:
+                self._marks.add(text)
+                self.experiment.order("mark", text)
+
+        self.app.push_screen(Mark(), put)
 
     def action_end(self) -> None:
         self._order("end")

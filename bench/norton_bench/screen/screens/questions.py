@@ -48,20 +48,23 @@ class Body(ModalScreen[Admittance | None]):
             yield Label("A virtual body at the port", classes="asked")
             for (name, unit), value in zip(LAW_UNITS.items(), self._law.values, strict=True):
                 yield Label(f"{name}  {pretty_unit(unit)}", classes="consequence")
-                yield Input(f"{value:g}", type="number", compact=True, id=name)
+                yield Input(f"{value:g}", type="number", compact=True)
+            yield Label("stiff only beyond this angle, as a wall  rad", classes="consequence")
+            wall_rad = self._law.wall_rad
+            yield Input("" if wall_rad is None else f"{wall_rad:g}", placeholder="no wall", type="number", compact=True)
             yield Label("enter takes it · tab: the next value · escape cancels", classes="hint")
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        texts = [self.query_one(f"#{name}", Input).value for name in LAW_UNITS]
+        *texts, wall = [each.value for each in self.query(Input)]
         try:
-            values = [float(text or "0") for text in texts]
+            law = Admittance.of([float(text or "0") for text in texts], float(wall) if wall else None)
         except ValueError:
             self.notify("these must be numbers", severity="error")
             return
-        if min(values) < 0.0:
-            self.notify("none of them may be negative", severity="error")
+        if min(law.values) < 0.0:
+            self.notify("mass, damping and stiffness must not be negative", severity="error")
             return
-        self.dismiss(Admittance.of(values))
+        self.dismiss(law)
 
     def action_cancel(self) -> None:
         self.dismiss(None)
