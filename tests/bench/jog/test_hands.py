@@ -14,7 +14,7 @@ import pytest
 from norton_bench.control import rendering
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import ExperimentError
-from norton_bench.jog import hands
+from norton_bench.jog import certifying
 from norton_bench.jog.hands import (
     ABANDONED_S,
     CHANGES_WITHIN_S,
@@ -108,7 +108,7 @@ class Later:
 
 @pytest.fixture(autouse=True)
 def later(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hands, "Thread", Later)
+    monkeypatch.setattr(certifying, "Thread", Later)
     Later.begun.clear()
 
 

@@ -187,7 +187,7 @@ class ByHandScreen(Screen[None]):
                 wall = () if law.wall_rad is None else (law.wall_rad,)
                 self._order("body " + " ".join(map(repr, (*law.values, *wall))))
 
-        self.app.push_screen(Body(self._law), act)
+        self.app.push_screen(Body(self._law, lambda: self._order("here")), act)
 
     def action_share(self, steps: int) -> None:
         self._share = min(max(self._share + steps, 0), len(SHARES) - 1)

@@ -1,5 +1,6 @@
 """Small windows with questions. Space is the stop key also here, so that words are joined by dashes."""
 
+from collections.abc import Callable
 from typing import ClassVar
 
 from textual.app import ComposeResult
@@ -35,13 +36,16 @@ class Mark(ModalScreen[str]):
 
 
 class Body(ModalScreen[Admittance | None]):
-    """A virtual body for the load: mass, damping and stiffness. None where it was cancelled."""
+    """A virtual body for the load: mass, damping and stiffness. None where it was cancelled.
+
+    ``typing`` is called with every key: somebody is present.
+    """
 
     BINDINGS: ClassVar = [key("escape", "cancel", "Cancel", "Leave the load as it is", name="cancel_body")]
 
-    def __init__(self, law: Admittance) -> None:
+    def __init__(self, law: Admittance, typing: Callable[[], None]) -> None:
         super().__init__()
-        self._law = law
+        self._law, self._typing = law, typing
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="question"):
@@ -53,6 +57,9 @@ class Body(ModalScreen[Admittance | None]):
             wall_rad = self._law.wall_rad
             yield Input("" if wall_rad is None else f"{wall_rad:g}", placeholder="no wall", type="number", compact=True)
             yield Label("enter takes it · tab: the next value · escape cancels", classes="hint")
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        self._typing()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         *texts, wall = [each.value for each in self.query(Input)]

@@ -1,0 +1,48 @@
+"""Whether the bench can render a law, found out beside a session in which somebody waits for it."""
+
+from threading import Thread
+from typing import TYPE_CHECKING
+
+from norton_bench.errors import ExperimentError
+from norton_bench.segments import Admittance
+
+if TYPE_CHECKING:
+    from norton_bench.control.calibration import LoadCalibration
+
+# From one body to another, the laws at these shares of the way are looked at, too.
+ON_THE_WAY = (0.25, 0.5, 0.75)
+
+
+class Certifying:
+    """Whether the bench can render ``law``, found out beside the session: that may take seconds.
+
+    From a body that the load acts already, ``before``, the laws on the way must be such, too. ``certificate`` and
+    ``refusal`` are empty until it is known.
+    """
+
+    def __init__(self, calibration: "LoadCalibration", tick_s: float, law: Admittance, before: Admittance | None):
+        self.law, self.certificate, self.refusal = law, "", ""
+        self._thread = Thread(target=self._certify, args=(calibration, tick_s, before), daemon=True)
+        self._thread.start()
+
+    @property
+    def done(self) -> bool:
+        return not self._thread.is_alive()
+
+    def _certify(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> None:
+        from norton_bench.control.admittance import between  # noqa: PLC0415  (compiled: slow to import)
+        from norton_bench.control.rendering import require_rendered  # noqa: PLC0415
+
+        where = ""
+        try:
+            certificate = require_rendered(calibration, tick_s, self.law).words
+            on_the_way = () if before is None else tuple(between(before, self.law, share) for share in ON_THE_WAY)
+            where = "" if before is None else f"on the way from {before.words} to {self.law.words}: "
+            for law in on_the_way:
+                require_rendered(calibration, tick_s, law, offers=False)
+        except ExperimentError as error:
+            self.refusal = f"{where}{error}"
+        except Exception as error:  # beside the session nobody else would tell
+            self.refusal = f"{self.law.words}: whether the bench can render it could not be computed ({error!r})"
+        else:
+            self.certificate = certificate
