@@ -13,6 +13,7 @@ Angle = TypeVar("Angle", float, FloatArray)
 # The steps that measure tables, and how the names of the segments begin in which something is read.
 TABULATE_SOURCE, TABULATE_IMPEDANCE = "tabulate_source", "tabulate_impedance"
 READ, HOLD = "read", "hold"
+RENDER = "render"  # the step in which the load acts a law with a body
 
 
 class LoadMode(Enum):

@@ -20,9 +20,9 @@ from norton_bench.errors import ExperimentError
 from norton_bench.identification.load import fit_load
 from norton_bench.identification.trials import TAUGHT_HZ, in_band, seen
 from norton_bench.records import Measured, SegmentInfo
-from norton_bench.segments import LAW_UNITS, Admittance
+from norton_bench.segments import LAW_UNITS, RENDER, Admittance
 
-RENDER, WALL_UNIT = "render", "rad"
+WALL_UNIT = "rad"
 # Windows of so long, which overlap by half, and in each one function for every second multiple of 1 / WINDOW_S: the
 # functions of a window, sin⁴ of its phase, are as wide as that.
 WINDOW_S = 0.5

@@ -7,7 +7,7 @@ import numpy as np
 
 from norton_bench.control.rendering import require_rendered
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.rendered import RENDER, name_of
+from norton_bench.identification.rendered import name_of
 from norton_bench.procedures.excitations import bounds_of, free_within
 from norton_bench.procedures.free import FASTEST_SHARE, command_multisine
 from norton_bench.procedures.knowledge import Knowledge, Plan, refuse_servo, require_load
@@ -15,7 +15,7 @@ from norton_bench.procedures.options import RenderOptions
 from norton_bench.procedures.waves import hold
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import Admittance, LoadMode, Segment, Use
+from norton_bench.segments import RENDER, Admittance, LoadMode, Segment, Use
 
 REST_S = 0.4
 SEED = 6

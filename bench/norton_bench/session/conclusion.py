@@ -30,7 +30,7 @@ from norton_bench.recording.reader import read_recording
 from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.rig import NO_MODEL
-from norton_bench.segments import Use
+from norton_bench.segments import RENDER, Use
 from norton_bench.session.resume import with_earlier
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ rendered = deferred("norton_bench.identification.rendered:rendered")
 in_situ_result = deferred("norton_bench.identification.in_situ:in_situ_result")
 in_sentences = deferred("norton_bench.report.facts_tables:in_sentences")
 tabulated = deferred("norton_bench.report.facts_tables:tabulated")
-ITERATED, RENDER = "iterate_zero_torque", "render"
+ITERATED = "iterate_zero_torque"
 VERDICT = "verdict"  # in the provenance of a network
 # Reported while it goes on: it takes seconds, most of them for the parameters.
 PARAMETERS = "final fit 1/4: parameters"

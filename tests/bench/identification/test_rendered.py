@@ -11,10 +11,10 @@ from scipy.stats import binom
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.rendered import RENDER, Rendered, law_of, name_of, rendered
+from norton_bench.identification.rendered import Rendered, law_of, name_of, rendered
 from norton_bench.procedures.waves import multisine
 from norton_bench.records import MOTION, NO_DEVICE_TIME, TICK, TORQUE, Measured, SegmentInfo
-from norton_bench.segments import ZERO_TORQUE, Admittance, Use
+from norton_bench.segments import RENDER, ZERO_TORQUE, Admittance, Use
 
 TICK_S = 1e-3
 LAWS = (Admittance(5e-4, 2e-2), Admittance(5e-4, 2e-2, 0.5), Admittance(5e-5, 5e-2))
