@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from math import isfinite
 from typing import TypeVar
 
 import numpy as np
@@ -62,6 +63,16 @@ class Admittance:
         return not self.rigid and any(self.values)
 
     @property
+    def shortcoming(self) -> str:
+        """Why it is no law at all; empty where it is one."""
+        numbers = [*self.values, 0.0 if self.wall_rad is None else self.wall_rad]
+        if not all(map(isfinite, numbers)) or min(self.values) < 0.0:
+            return "a law must have finite numbers, and no negative mass, damping or stiffness"
+        if self.wall_rad is not None and self.stiffness_nm_rad == 0.0:
+            return "a wall needs a stiffness"
+        return ""
+
+    @property
     def words(self) -> str:
         """The law with its units; what is zero is left out."""
         if self.rigid:
@@ -97,8 +108,8 @@ class Use(Enum):
 class Segment:
     """One stretch of the experiment; every array has shape (ticks,).
 
-    ``position_rad`` is relative to where the reference of the segment before ended, or, where there was none, to where
-    the load stands when the segment begins. ``preview`` says that the reference
+    ``position_rad`` is relative to where an imposed motion before it ended, else to where the load stands when the
+    segment begins. ``preview`` says that the reference
     motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
     ``mends_rad_s`` is how quickly feedback then does best to mend what is left; None for as quickly as it can.
     """

@@ -118,10 +118,10 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
         values = (_value(f"--{name}", given[name] or "0", unit) for name, unit in LAW_UNITS.items())
         wall_rad = None if given["wall"] is None else _value("--wall", given["wall"], "rad")
         setpoints = Setpoints(command, LoadDoes.BODY, law=Admittance.of(values, wall_rad))
-        if wall_rad is not None and not setpoints.law.stiffness_nm_rad:
-            raise UsageError("--wall needs --stiffness")
-        if not setpoints.law.has_body or min(setpoints.law.values) < 0.0:
-            raise UsageError("--mass, --damping and --stiffness: none may be negative; for zero torque --zero-torque")
+        if setpoints.law.shortcoming:
+            raise UsageError(f"--mass, --damping, --stiffness and --wall: {setpoints.law.shortcoming}")
+        if not setpoints.law.has_body:
+            raise UsageError("--mass, --damping and --stiffness are all zero; for zero torque --zero-torque")
     elif velocity is not None or zero_torque:
         require_load(rig, "calibrate", "for --load-velocity and --zero-torque")
         value = 0.0 if velocity is None else _value("--load-velocity", velocity, "rad/s")

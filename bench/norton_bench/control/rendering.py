@@ -64,8 +64,9 @@ class Rendering:
 
     ``unstable`` names on what it is not stable, ``oscillates_hz`` the frequency that grows there; empty and NaN where
     it can be rendered. It is stable with actuators of ``lightest_kgm2`` to ``heaviest_kgm2``, infinite where also with
-    one that is held. Only then is ``needed_damping_nms_rad`` the least damping that a passive actuator must have to be
-    stable on this port, whatever else it is, and ``needed_at_hz`` the frequency that asks for it; else both are NaN.
+    one that is held. Only then, and without a wall, is ``needed_damping_nms_rad`` the least damping that a passive
+    actuator must have to be stable on this port, whatever else it is, and ``needed_at_hz`` the frequency that asks for
+    it; else both are NaN.
     """
 
     law: Admittance
@@ -79,11 +80,15 @@ class Rendering:
     @property
     def words(self) -> str:
         """With which actuators a law is stable."""
-        words = f"{self.law.words} is stable with an actuator of {self.lightest_kgm2:.2g} kg*m^2"
+        where = "" if self.law.wall_rad is None else "before the wall and behind it "
+        words = f"{where}{self.law.words} is stable with an actuator of {self.lightest_kgm2:.2g} kg*m^2"
         if self.heaviest_kgm2 < inf:
             return f"{words} to {self.heaviest_kgm2:.2g}, whose friction slides or sticks; not with one that is held"
+        words = f"{words} or more, whose friction slides or sticks, and with one that is held"
+        if isnan(self.needed_damping_nms_rad):
+            return words
         return (
-            f"{words} or more, whose friction slides or sticks, and with one that is held; with any other passive one "
+            f"{words}; with any other passive one "
             f"that has {self.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which {self.needed_at_hz:.3g} Hz "
             "ask for"
         )
@@ -118,9 +123,8 @@ def _beside_a_wall(calibration: LoadCalibration, tick_s: float, law: Admittance)
     for each in sides:
         if each.unstable:
             return replace(each, law=law)
-    # NaN where one side tells none.
-    worst = max(sides, key=lambda each: inf if isnan(each.needed_damping_nms_rad) else each.needed_damping_nms_rad)
-    return replace(worst, law=law, heaviest_kgm2=min(each.heaviest_kgm2 for each in sides))
+    heaviest_kgm2 = min(each.heaviest_kgm2 for each in sides)
+    return Rendering(law, lightest_kgm2=sides[0].lightest_kgm2, heaviest_kgm2=heaviest_kgm2)
 
 
 def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittance, *, offers: bool = True) -> Rendering:

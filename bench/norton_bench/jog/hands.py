@@ -196,7 +196,8 @@ class Preset:
         return self.setpoints.zeroed() if self.leaves else self.setpoints
 
     def let_go(self, why: str) -> None:
-        self.leaves, self.cut_short = True, self.cut_short or why
+        if not self.leaves:  # on its way to zero nothing is cut short any more
+            self.leaves, self.cut_short = True, why
 
     def could_not_calibrate(self, why: str) -> None:
         self.leaves, self.cut_short = True, why
@@ -328,13 +329,16 @@ class Board:
         return True
 
     def _act(self, law: Admittance) -> None:
-        if not law.has_body or not all(map(isfinite, law.values)):
+        if law.shortcoming:
+            self._tell(law.shortcoming)
+        elif not law.has_body:
             self._tell("a body has a mass, a damping or a stiffness; for none of them keep the port at zero torque (z)")
         elif self._certifying is not None and not self._certifying.done:
             self._tell("the last body is still being looked at: ask again in a moment")
         elif self._can(LoadDoes.BODY):
             assert self._calibration is not None
-            before = self._wanted.law if self._wanted.load is LoadDoes.BODY else None
+            acts = self._wanted.load is LoadDoes.BODY and self._wanted.law.wall_rad == law.wall_rad
+            before = self._wanted.law if acts else None
             self._asked = self._certifying = Certifying(self._calibration, self.rig.tick_s, law, before)
 
     def _certified(self, elapsed_s: float) -> None:
@@ -342,8 +346,8 @@ class Board:
         asked = self._asked
         if asked is None or not asked.done:
             return
-        if asked.refusal:
-            self._tell(asked.refusal)
+        if not asked.certificate:
+            self._tell(asked.refusal or f"{asked.law.words}: whether the bench can render it could not be computed")
         elif elapsed_s < self._changed_s + CHANGES_WITHIN_S:
             return
         else:

@@ -55,10 +55,14 @@ class Course:
         fast."""
         wanted, tick_s = wanted.zeroed() if self.too_fast else wanted, self.known.tick_s
         ticks = ticks_in(SEGMENT_S, tick_s)
+        if self.at.load is LoadDoes.BODY and wanted.at_zero and self.at.command != 0.0:
+            # What the actuator pushes against goes last: alone, it would fling the shaft.
+            wanted = replace(wanted, load=LoadDoes.BODY, law=self.at.law)
         if wanted.load is not self.at.load:
             # An imposed motion starts at the present velocity of the shaft.
             turning = wanted.load is LoadDoes.VELOCITY
             self.at = replace(self.at, load=wanted.load, load_value=self._load_velocity_rad_s if turning else 0.0)
+        self.at = replace(self.at, law=wanted.law)
         segment = Segment(
             NAME,
             wanted.words(self.bounds.command_unit),

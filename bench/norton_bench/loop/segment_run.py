@@ -132,9 +132,11 @@ class SegmentRun:
         """Whether the reference of the next segment begins where this one's ended, not where the load stands.
 
         An imposed motion may have left the load behind, and a spring may be deflected: none begins where the other
-        ended. A spring that is let go keeps its place while it goes; one that comes has a new one.
+        ended. A spring that is let go keeps its place while it goes; one that comes has a new one, and so has one whose
+        wall comes, goes or moves: before the wall the load may be anywhere.
         """
         before, after = self.segment.admittance, segment.admittance
         if after.has_body:
-            return before.has_body and (before.stiffness_nm_rad > 0.0 or after.stiffness_nm_rad == 0.0)
+            same = before.has_body and before.wall_rad == after.wall_rad
+            return same and (before.stiffness_nm_rad > 0.0 or after.stiffness_nm_rad == 0.0)
         return before.rigid or not after.rigid

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
+from norton_bench.segments import Admittance
 from norton_bench.units import MOST_IN_RANGE, parse_quantity, parse_range
 
 History = Literal["slow", "fast", "rest"]
@@ -144,10 +145,14 @@ class RenderOptions(Options):
     highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
 
     @model_validator(mode="after")
-    def _a_wall_is_stiff(self) -> "RenderOptions":
-        if self.wall_rad is not None and not self.stiffness_nm_rad:
-            raise ValueError('a wall needs a stiffness, such as stiffness = "2 N*m/rad"')
+    def _is_a_law(self) -> "RenderOptions":
+        if self.law.shortcoming:
+            raise ValueError(self.law.shortcoming)
         return self
+
+    @property
+    def law(self) -> Admittance:
+        return Admittance.of((self.mass_kgm2, self.damping_nms_rad, self.stiffness_nm_rad), self.wall_rad)
 
 
 class InSituOptions(Options):

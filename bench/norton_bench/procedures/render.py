@@ -15,7 +15,7 @@ from norton_bench.procedures.options import RenderOptions
 from norton_bench.procedures.waves import hold
 from norton_bench.records import Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import RENDER, Admittance, LoadMode, Segment, Use
+from norton_bench.segments import RENDER, LoadMode, Segment, Use
 
 REST_S = 0.4
 SEED = 6
@@ -31,12 +31,6 @@ class RenderProcedure:
     options: RenderOptions = field(default_factory=RenderOptions)
     name: ClassVar[str] = RENDER
 
-    @property
-    def law(self) -> Admittance:
-        options = self.options
-        values = options.mass_kgm2, options.damping_nms_rad, options.stiffness_nm_rad
-        return Admittance.of(values, options.wall_rad)
-
     def require(self, rig: Rig) -> None:
         refuse_servo(rig, self.name)
         require_load(rig, self.name, "to act the virtual body")
@@ -46,11 +40,11 @@ class RenderProcedure:
 
     def reductions(self, known: Knowledge) -> tuple[str, ...]:
         """What the certificate of the law says. Raises ExperimentError where there is none."""
-        if not self.law.has_body:
+        if not self.options.law.has_body:
             return ()
         if known.calibration is None:
             raise ExperimentError("render: needs a calibrated load drive; run the step 'calibrate' before it")
-        return (f"render: {require_rendered(known.calibration, known.tick_s, self.law).words}",)
+        return (f"render: {require_rendered(known.calibration, known.tick_s, self.options.law).words}",)
 
     def plan(self, known: Knowledge) -> Plan:
         options, tick_s = self.options, known.tick_s
@@ -59,11 +53,11 @@ class RenderProcedure:
         command = free_within(bounds_of(known), wave) * wave
         yield Segment(
             self.name,
-            name_of(self.law),
+            name_of(self.options.law),
             Use.PREPARE,  # most of it is within the presliding length: fits want motion that was chosen for them
             np.concatenate([rest, command, rest]),
             LoadMode.ADMITTANCE,
-            self.law,
+            self.options.law,
             stop_at_velocity_rad_s=FASTEST_SHARE * known.rig.limits.velocity_rad_s,
         )
 

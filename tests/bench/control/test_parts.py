@@ -169,6 +169,22 @@ def test_a_wall_is_on_one_side(wall_rad: float, turned_rad: float, deflected_rad
     assert law.deflection_rad(np.array([turned_rad, wall_rad])) == pytest.approx([deflected_rad, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("law", "why"),
+    [
+        (Admittance(5e-4, 2e-2, 2.0, wall_rad=-0.1), ""),
+        (PRESCRIBED_MOTION, ""),
+        (Admittance(5e-4, 2e-2, float("inf")), "finite numbers"),
+        (Admittance(5e-4, 2e-2, 2.0, wall_rad=float("nan")), "finite numbers"),
+        (Admittance(5e-4, -2e-2), "no negative mass"),
+        (Admittance(5e-4, 2e-2, wall_rad=0.1), "a wall needs a stiffness"),
+    ],
+)
+def test_what_is_no_law_says_why(law: Admittance, why: str) -> None:
+    assert why in law.shortcoming
+    assert bool(why) == bool(law.shortcoming)
+
+
 def test_half_way_between_two_laws_is_half_of_both() -> None:
     law = between(Admittance(1e-3, 0.0, 2.0), Admittance(3e-3, 0.1), 0.5)
     assert law.values == pytest.approx((2e-3, 0.05, 1.0))

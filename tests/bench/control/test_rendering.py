@@ -257,7 +257,11 @@ def test_a_wall_is_rendered_where_the_laws_on_both_sides_are() -> None:
     both = rendering(calibration, TICK_S, WALL)
     assert both.law == WALL
     assert not both.unstable
-    assert both.needed_damping_nms_rad == max(each.needed_damping_nms_rad for each in sides)
+    assert both.heaviest_kgm2 == min(each.heaviest_kgm2 for each in sides)
+    # What goes over from one law into the other is not computed: nothing is said of other actuators.
+    assert np.isnan(both.needed_damping_nms_rad)
+    assert both.words.startswith("before the wall and behind it 0.0005 kg*m^2 of mass")
+    assert both.words.endswith("and with one that is held")
     refused = replace(WALL, mass_kgm2=1e-3, damping_nms_rad=3e-2, stiffness_nm_rad=5.0)
     assert rendering(calibration, TICK_S, replace(refused, stiffness_nm_rad=0.0, wall_rad=None)).unstable
     assert rendering(calibration, TICK_S, refused).unstable

@@ -13,7 +13,7 @@ from norton_bench.procedures.knowledge import Knowledge
 from norton_bench.records import TICK, Measured
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import LoadMode, Segment
+from norton_bench.segments import Admittance, LoadMode, Segment
 
 RIGS = Path(__file__).parents[3] / "rigs"
 RIG = load_rig(RIGS / "sim-odrive.toml")
@@ -65,6 +65,49 @@ def test_an_approach_has_no_step_and_ends_at_its_goal(start: float, goal: float)
     assert np.max(np.abs(np.diff(way, prepend=start))) <= 0.01 * (1 + 1e-9)
     assert way[-1] == goal
     assert approach(0.0, 1.0, 0.01, 10)[-1] == pytest.approx(0.1)
+
+
+BODY = Setpoints(0.3, LoadDoes.BODY, law=Admittance(5e-4, 2e-2, 0.5))
+
+
+def acted() -> Course:
+    """With a body that acts, and a command."""
+    jog = course()
+    for _ in range(6):
+        segment = jog.towards(BODY)
+        assert (segment.mode, segment.admittance) == (LoadMode.ADMITTANCE, BODY.law)
+        jog.went(segment, measured(segment))
+    assert jog.at.command == BODY.command
+    return jog
+
+
+def test_a_body_acts_until_the_actuator_does_not_push_any_more() -> None:
+    """Without it the actuator alone would fling the shaft."""
+    jog, modes, commands = acted(), [], []
+    while not jog.at.at_zero:
+        segment = jog.towards(BODY.zeroed())
+        jog.went(segment, measured(segment))
+        modes.append(segment.mode)
+        commands.append(np.max(np.abs(segment.command)))
+    assert modes == [LoadMode.ADMITTANCE] * (len(modes) - 1) + [LoadMode.UNDRIVEN]
+    assert commands[-1] == 0.0
+    assert len(modes) * SEGMENT_S <= RAMP_S + SEGMENT_S
+
+
+def test_a_body_is_let_go_of_at_once_where_the_shaft_is_too_fast() -> None:
+    jog = acted()
+    segment = jog.towards(BODY)
+    jog.went(segment, measured(segment, velocity_rad_s=1.01 * BOUNDS.speed_rad_s))
+    segment = jog.towards(BODY)
+    assert segment.mode is LoadMode.UNDRIVEN
+    assert not segment.command.any()
+
+
+def test_an_operator_may_let_go_of_a_body_alone() -> None:
+    jog = acted()
+    segment = jog.towards(replace(BODY, load=LoadDoes.COAST))
+    assert segment.mode is LoadMode.UNDRIVEN
+    assert segment.command == pytest.approx(BODY.command)
 
 
 def test_segments_go_on_from_each_other() -> None:

@@ -208,7 +208,21 @@ def test_what_keeps_a_certificate_from_being_computed_is_told(keys: Keys, monkey
     assert certified(keys, board).load is LoadDoes.COAST
     assert "could not be computed (ArithmeticError('singular'))" in keys.said[-1]
     assert keys.press(board, "body 0 0 inf").load is LoadDoes.COAST
-    assert "zero torque (z)" in keys.said[-1]
+    assert "finite numbers" in keys.said[-1]
+
+
+def test_there_is_no_way_to_a_wall(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The body begins anew with it: no law between them acts."""
+    tried = []
+    monkeypatch.setattr(
+        rendering, "require_rendered", lambda *given, **_: (tried.append(given[2]), rendering.Rendering(given[2]))[1]
+    )
+    board = board_of(keys, calibrated=True)
+    keys.press(board, "body 0.0005 0.02 0")
+    certified(keys, board)
+    keys.press(board, "body 0.0005 0.02 2 0.1")
+    assert certified(keys, board).law == tried[-1]
+    assert len(tried) == 2
 
 
 def test_a_refusal_on_the_way_says_so(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,6 +345,14 @@ def test_given_values_stand_for_their_time() -> None:
     assert not hand.leaves
     assert hand.wanted(2.0) == Setpoints(0.0, LoadDoes.ZERO_TORQUE)
     assert hand.leaves
+
+
+def test_what_happens_on_the_way_to_zero_cuts_nothing_short() -> None:
+    hand = Preset(Setpoints(0.1), 2.0)
+    hand.begin(None)
+    hand.wanted(2.0)
+    hand.let_go("too fast")
+    assert (hand.leaves, hand.cut_short) == (True, "")
 
 
 def test_given_values_that_cannot_stand_say_why() -> None:

@@ -162,6 +162,22 @@ def test_a_spring_that_is_let_go_goes_without_a_jump() -> None:
     assert centre[1400] == pytest.approx(place[1399], abs=0.02)
 
 
+@pytest.mark.parametrize("wall_rad", [None, -0.1])
+def test_a_wall_that_goes_or_moves_leaves_no_deflection(wall_rad: float | None) -> None:
+    """On its free side the load may be anywhere; all of that would be a deflection at once."""
+    wall = Admittance(5e-4, 2e-2, 2.0, wall_rad=10.0)
+    with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
+        bench.loop.controller = AdmittanceController(
+            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
+        )
+        bench.loop.run(acting(wall, 800))
+        bench.loop.run(acting(Admittance(5e-4, 2e-2, 2.0, wall_rad=wall_rad), 20))
+    ticks = join(bench.parts).ticks
+    assert ticks["load_position_rad"][799] - ticks["reference_position_rad"][799] > 1.0
+    assert ticks["reference_position_rad"][800] == pytest.approx(ticks["load_position_rad"][799], abs=0.02)
+    assert np.max(np.abs(np.diff(ticks["load_velocity_rad_s"][790:]))) < 0.5
+
+
 def test_after_the_drives_were_idle_a_body_begins_where_the_shaft_is() -> None:
     law = Admittance(5e-4, 2e-2)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench:

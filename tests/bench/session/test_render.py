@@ -130,5 +130,5 @@ def test_under_a_modulation_the_certificate_is_the_same() -> None:
 
 def test_the_law_is_read_with_its_units() -> None:
     step = load_session(SESSION).steps[4]
-    assert RenderProcedure(step.options).law == Admittance(5e-4, 2e-2, 0.5)
-    assert RenderProcedure().law == ZERO_TORQUE
+    assert step.options.law == Admittance(5e-4, 2e-2, 0.5)
+    assert RenderOptions().law == ZERO_TORQUE

@@ -68,8 +68,8 @@ class Body(ModalScreen[Admittance | None]):
         except ValueError:
             self.notify("these must be numbers", severity="error")
             return
-        if min(law.values) < 0.0:
-            self.notify("mass, damping and stiffness must not be negative", severity="error")
+        if law.shortcoming:
+            self.notify(law.shortcoming, severity="error")
             return
         self.dismiss(law)
 
