@@ -138,7 +138,7 @@ class RenderOptions(Options):
 
     mass_kgm2: Inertia = Field(0.0, alias="mass", ge=0, examples=["0 kg*m^2"])
     damping_nms_rad: Damping = Field(0.0, alias="damping", ge=0, examples=["0 N*m*s/rad"])
-    stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["0 N*m/rad"])
+    stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["2 N*m/rad"])
     wall_rad: Radians | None = Field(None, alias="wall", examples=["0.1 rad"])
     amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
     duration_s: Seconds = Field(8.0, alias="duration", ge=3, examples=["8 s"])

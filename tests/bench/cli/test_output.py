@@ -130,7 +130,9 @@ def test_a_repeated_movement_has_its_figures_and_a_sentence() -> None:
 def test_a_rendered_law_has_its_figures_and_a_sentence() -> None:
     law = Rendered(Admittance(5e-4, 2e-2), (4.9e-4, 2.04e-2, 1e-3), (2e-5, 3e-4, 2e-3), 1.2e-2, 1.1e-3, 8e-4)
     (data,) = identification(Result("sim", rendered=(law,)))["rendered"]
-    assert data["asked"] == {"mass_kgm2": 5e-4, "damping_nms_rad": 2e-2, "stiffness_nm_rad": 0.0}
+    assert data["asked"] == {"mass_kgm2": 5e-4, "damping_nms_rad": 2e-2, "stiffness_nm_rad": 0.0, "wall_rad": None}
+    wall = replace(law, asked=Admittance(5e-4, 2e-2, 2.0, wall_rad=0.1))
+    assert "(2.00 beyond 0.100 rad asked for)" in rendered_sentence(wall)
     assert data["measured"]["damping_nms_rad"] == 2.04e-2
     assert data["half_interval"]["mass_kgm2"] == 2e-5
     short = replace(law, shortcoming="the law acted for 1.0 s, and 3 s are needed")

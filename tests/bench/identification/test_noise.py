@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from norton_bench.identification.counts import Resolution
 from norton_bench.identification.readings import noise_deviation
 from norton_bench.identification.signals import TimeSeries, _density_of_counts
 
@@ -30,7 +31,7 @@ def test_counts_that_pass_slowly_have_the_variance_of_a_step_and_not_of_their_di
     read = step * np.round((path + 0.3 * step + noise * step * rng.standard_normal(time_s.size)) / step) - 0.3 * step
     usable = np.ones(time_s.size, dtype=bool)
     assert noise > 0.0 or noise_deviation(read, usable) ** 2 > 2.0 * step**2 / 12
-    density = _density_of_counts(TimeSeries(time_s, read, period_s, step), path, time_s, usable)
+    density = _density_of_counts(TimeSeries(time_s, read, period_s, Resolution(step)), path, time_s, usable)
     assert density == pytest.approx((1 / 12 + noise**2) * step**2 * period_s, rel=0.3)
 
 
@@ -40,7 +41,7 @@ def test_what_is_left_in_the_path_of_a_fine_encoder_is_noise():
     path = np.sin(3.0 * time_s) + 1e-3 * rng.standard_normal(time_s.size)
     read = step * np.round(path / step)
     density = _density_of_counts(
-        TimeSeries(time_s, read, period_s, step), path, time_s, np.ones(time_s.size, dtype=bool)
+        TimeSeries(time_s, read, period_s, Resolution(step)), path, time_s, np.ones(time_s.size, dtype=bool)
     )
     assert density == pytest.approx(1e-6 * period_s, rel=0.1)
 
