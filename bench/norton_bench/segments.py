@@ -10,11 +10,13 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 
-Angle = TypeVar("Angle", float, FloatArray)
 # The steps that measure tables, and how the names of the segments begin in which something is read.
 TABULATE_SOURCE, TABULATE_IMPEDANCE = "tabulate_source", "tabulate_impedance"
 READ, HOLD = "read", "hold"
 RENDER = "render"  # the step in which the load acts a law with a body
+
+
+Angle = TypeVar("Angle", float, FloatArray)
 
 
 class LoadMode(Enum):
@@ -90,6 +92,8 @@ class Admittance:
         return side * 0.5 * (into + abs(into))
 
 
+# From one law with a body to another: long beside the loop's own transients of some 10 ms, short for a hand.
+GLIDE_S = 0.5
 ZERO_TORQUE = Admittance()
 PRESCRIBED_MOTION = Admittance(rigid=True)
 
@@ -109,8 +113,8 @@ class Segment:
     """One stretch of the experiment; every array has shape (ticks,).
 
     ``position_rad`` is relative to where an imposed motion before it ended, else to where the load stands when the
-    segment begins. ``preview`` says that the reference
-    motion is the free motion predicted from the network identified so far, to be fed forward under zero torque.
+    segment begins. ``preview`` says that the reference motion is the free motion predicted from the network identified
+    so far, to be fed forward under zero torque.
     ``mends_rad_s`` is how quickly feedback then does best to mend what is left; None for as quickly as it can.
     """
 

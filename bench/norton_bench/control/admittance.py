@@ -20,13 +20,11 @@ from norton_bench.control.observer import FREE_RATE, Estimator
 from norton_bench.control.regulator import AMPLIFIER, FREE, LOAD, POSITION, VELOCITY, Regulator
 from norton_bench.control.torque_loop import Anticipation, TorqueLoop, design_anticipation, settles_s
 from norton_bench.sample import Sample, Target
-from norton_bench.segments import ZERO_TORQUE, Admittance
+from norton_bench.segments import GLIDE_S, ZERO_TORQUE, Admittance
 
 # Contacts are taken to slide after so many of the load's own presliding lengths: the actuator's may be longer.
 SLIDING_LENGTHS = 30.0
 PLAY_COUNTS = 4.0  # this many encoder counts back are a turn
-# From one law to another: long enough that what a spring stored acts as it would by hand, not as a blow.
-GLIDE_S = 0.5
 # The regulator's state is laid out as the observer's begins; these are measured from the reference.
 PLACES = np.array([POSITION, VELOCITY, AMPLIFIER, FREE, LOAD])
 FORESEEN = np.array([VELOCITY, FREE, FREE_RATE])
@@ -352,11 +350,8 @@ class VirtualBody:
     def become(self, admittance: Admittance) -> None:
         """Obey another law from now on, by and by within GLIDE_S."""
         if admittance != self.admittance:
-            self._before, self.admittance, self._glide_ticks_left = (
-                self._law(),
-                admittance,
-                round(GLIDE_S / self.tick_s),
-            )
+            self._before, self.admittance = self._law(), admittance
+            self._glide_ticks_left = round(GLIDE_S / self.tick_s)
 
     def _law(self) -> Admittance:
         """The one that it obeys now."""

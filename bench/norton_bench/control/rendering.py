@@ -87,11 +87,10 @@ class Rendering:
         words = f"{words} or more, whose friction slides or sticks, and with one that is held"
         if isnan(self.needed_damping_nms_rad):
             return words
-        return (
-            f"{words}; with any other passive one "
-            f"that has {self.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which {self.needed_at_hz:.3g} Hz "
-            "ask for"
+        needed = (
+            f"{self.needed_damping_nms_rad:.2g} N*m*s/rad of damping itself, which {self.needed_at_hz:.3g} Hz ask for"
         )
+        return f"{words}; with any other passive one that has {needed}"
 
 
 @lru_cache(maxsize=64)

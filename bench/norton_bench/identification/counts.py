@@ -60,7 +60,7 @@ LIKE, CERTAIN = 0.3, 31.0
 class Resolution:
     """The steps in which values come: a device's counts, and those to which its messages round them once more.
 
-    Zero where none can be seen. A smaller of the two is not seen where all of its steps are within one of the other.
+    Zero where none can be seen; counts finer than the rounding never are, and it then passes for the count.
     """
 
     count: float = 0.0

@@ -16,12 +16,13 @@ ON_THE_WAY = (0.25, 0.5, 0.75)
 class Certifying:
     """Whether the bench can render ``law``, found out beside the session: that may take seconds.
 
-    From a body that the load acts already, ``before``, the laws on the way must be such, too. ``certificate`` and
-    ``refusal`` are empty until it is known.
+    From a body that the load acts already, ``before``, the laws on the way must be such, too. Once it is ``done``,
+    there is a ``certificate``, or it is empty and ``refusal`` says why.
     """
 
     def __init__(self, calibration: "LoadCalibration", tick_s: float, law: Admittance, before: Admittance | None):
-        self.law, self.certificate, self.refusal = law, "", ""
+        self.law, self.certificate = law, ""
+        self.refusal = f"{law.words}: whether the bench can render it could not be computed"
         self._thread = Thread(target=self._certify, args=(calibration, tick_s, before), daemon=True)
         self._thread.start()
 
@@ -43,6 +44,6 @@ class Certifying:
         except ExperimentError as error:
             self.refusal = f"{where}{error}"
         except Exception as error:  # beside the session nobody else would tell
-            self.refusal = f"{self.law.words}: whether the bench can render it could not be computed ({error!r})"
+            self.refusal += f" ({error!r})"
         else:
             self.certificate = certificate

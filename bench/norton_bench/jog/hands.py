@@ -13,7 +13,7 @@ from norton_bench.loop.stop_word import StopWord
 from norton_bench.procedures.knowledge import VELOCITY_SHARE, require_load
 from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import LAW_UNITS, ZERO_TORQUE, Admittance
+from norton_bench.segments import GLIDE_S, LAW_UNITS, ZERO_TORQUE, Admittance
 from norton_bench.session.operator import Operator, Order
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ class LoadDoes(Enum):
 
 # These take the controller, which is tuned from the calibration.
 CONTROLLED = (LoadDoes.VELOCITY, LoadDoes.ZERO_TORQUE, LoadDoes.BODY)
-# From one body to another it takes GLIDE_S and a segment; that way is gone to its end.
-CHANGES_WITHIN_S = 0.8
+# The way from one body to another is gone to its end; it begins with the next segment, which may be a little late.
+CHANGES_WITHIN_S = GLIDE_S + 0.3
 
 
 @dataclass(frozen=True)
@@ -316,10 +316,10 @@ class Board:
 
     def _choose(self, load: LoadDoes) -> None:
         self._asked = None
-        if load is not self._wanted.load and self._can(load):
+        if load is not self._wanted.load and self._may(load):
             self._wanted = Setpoints(self._wanted.command, load)
 
-    def _can(self, load: LoadDoes) -> bool:
+    def _may(self, load: LoadDoes) -> bool:
         if self.rig.wiring.load is None:
             self._tell("this rig has no load drive")
             return False
@@ -335,7 +335,7 @@ class Board:
             self._tell("a body has a mass, a damping or a stiffness; for none of them keep the port at zero torque (z)")
         elif self._certifying is not None and not self._certifying.done:
             self._tell("the last body is still being looked at: ask again in a moment")
-        elif self._can(LoadDoes.BODY):
+        elif self._may(LoadDoes.BODY):
             assert self._calibration is not None
             acts = self._wanted.load is LoadDoes.BODY and self._wanted.law.wall_rad == law.wall_rad
             before = self._wanted.law if acts else None
@@ -347,7 +347,7 @@ class Board:
         if asked is None or not asked.done:
             return
         if not asked.certificate:
-            self._tell(asked.refusal or f"{asked.law.words}: whether the bench can render it could not be computed")
+            self._tell(asked.refusal)
         elif elapsed_s < self._changed_s + CHANGES_WITHIN_S:
             return
         else:

@@ -2,8 +2,8 @@
 
 A session file writes quantities with their units ("400 ms"), under the alias of the field (``dwell``). A program gives
 numbers in SI, under the field's name (``dwell_s=0.4``). Amplitudes are fractions of the rig's velocity limit. The
-same bounds hold for both. Examples are the defaults as written in a file, and stand in the table of
-``docs/session-file.md``.
+same bounds hold for both. Examples are the defaults as written in a file, or what fits together where nothing is the
+default; defaults stand in the table of ``docs/session-file.md``.
 """
 
 from collections.abc import Mapping

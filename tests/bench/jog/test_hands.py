@@ -119,6 +119,19 @@ def certified(keys: Keys, board: Board) -> Setpoints:
     return keys.press(board)
 
 
+@pytest.fixture
+def tried(monkeypatch: pytest.MonkeyPatch) -> list[Admittance]:
+    """The laws that are looked at; the bench can render every one."""
+    laws = list[Admittance]()
+
+    def render(_: object, __: object, law: Admittance, **___: object) -> rendering.Rendering:
+        laws.append(law)
+        return rendering.Rendering(law)
+
+    monkeypatch.setattr(rendering, "require_rendered", render)
+    return laws
+
+
 def test_other_orders_are_left_to_the_session(keys: Keys) -> None:
     board = board_of(keys)
     keys._orders += [Order("mark", "loud"), Order("jog", "here"), Order("pause")]
@@ -211,12 +224,8 @@ def test_what_keeps_a_certificate_from_being_computed_is_told(keys: Keys, monkey
     assert "finite numbers" in keys.said[-1]
 
 
-def test_there_is_no_way_to_a_wall(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_there_is_no_way_to_a_wall(keys: Keys, tried: list[Admittance]) -> None:
     """The body begins anew with it: no law between them acts."""
-    tried = []
-    monkeypatch.setattr(
-        rendering, "require_rendered", lambda *given, **_: (tried.append(given[2]), rendering.Rendering(given[2]))[1]
-    )
     board = board_of(keys, calibrated=True)
     keys.press(board, "body 0.0005 0.02 0")
     certified(keys, board)
@@ -253,11 +262,7 @@ def test_without_a_key_a_body_is_let_go_of_and_none_is_taken_over(keys: Keys) ->
     assert keys.said[-1] == f"no key for {DEAD_MAN_S:g} s: everything returns to zero"
 
 
-def test_laws_on_the_way_from_one_body_to_another_are_looked_at(keys: Keys, monkeypatch: pytest.MonkeyPatch) -> None:
-    tried = []
-    monkeypatch.setattr(
-        rendering, "require_rendered", lambda *given, **_: (tried.append(given[2]), rendering.Rendering(given[2]))[1]
-    )
+def test_laws_on_the_way_from_one_body_to_another_are_looked_at(keys: Keys, tried: list[Admittance]) -> None:
     board = board_of(keys, calibrated=True)
     keys.press(board, "body 0.0005 0.02 0")
     certified(keys, board)

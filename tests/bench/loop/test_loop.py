@@ -13,7 +13,7 @@ from norton_bench.procedures.waves import Motion, coasting, imposed, pushed
 from norton_bench.records import NO_SEGMENT, TICK, join
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import PRESCRIBED_MOTION, Admittance, LoadMode, Segment, Use
-from tests.bench.bench_in_simulation import opened
+from tests.bench.bench_in_simulation import Bench, opened
 from tests.bench.control.plant import PlantSettings
 
 TICK_S = 1e-3
@@ -62,6 +62,13 @@ def turning(ticks: int, speed_rad_s: float) -> Segment:
     return imposed("test", "turn", Use.PREPARE, np.full(ticks, 0.01), motion)
 
 
+def controlled(bench: Bench) -> AdmittanceController:
+    """With a controller, as after a calibration."""
+    limit_nm = bench.loop.guard.limits.load_torque_nm
+    bench.loop.controller = AdmittanceController(PlantSettings().calibration(), TICK_S, limit_nm)
+    return bench.loop.controller
+
+
 def acting(law: Admittance, ticks: int) -> Segment:
     return Segment("test", "act", Use.PREPARE, np.full(ticks, 0.1), LoadMode.ADMITTANCE, law)
 
@@ -105,9 +112,7 @@ def test_a_segment_that_ended_for_its_speed_is_held_without_any_push() -> None:
 def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:
     rig = load_rig(RIGS / "sim-odrive.toml")
     with opened(rig) as bench, bench.loop.running():
-        bench.loop.controller = AdmittanceController(
-            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
-        )
+        controlled(bench)
         bench.loop.run(turning(400, 10.0))
         bench.loop.hold(Late(200))
         bench.loop.run(imposed("test", "on", Use.PREPARE, np.zeros(1)))
@@ -125,9 +130,7 @@ def test_a_spring_keeps_its_place_from_segment_to_segment() -> None:
     """Also where the load's body gets another mass; a motion that is imposed then begins where the load stands."""
     laws = (Admittance(5e-4, 2e-2, 0.5), Admittance(5e-4, 2e-2, 0.5), Admittance(1e-3, 3e-2, 0.5), PRESCRIBED_MOTION)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
-        bench.loop.controller = AdmittanceController(
-            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
-        )
+        controlled(bench)
         for law in laws:
             bench.loop.run(acting(law, 600))
             bench.loop.hold(Late(2))
@@ -146,9 +149,7 @@ def test_a_spring_that_is_let_go_goes_without_a_jump() -> None:
     """Its place stays while it goes; one that comes later has its place where the load stands then."""
     spring, none = Admittance(5e-4, 2e-2, 0.5), Admittance(5e-4, 2e-2)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
-        bench.loop.controller = AdmittanceController(
-            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
-        )
+        controlled(bench)
         bench.loop.run(acting(spring, 600))
         for law in (none, none, none, none, spring):
             bench.loop.run(acting(law, 200))
@@ -167,9 +168,7 @@ def test_a_wall_that_goes_or_moves_leaves_no_deflection(wall_rad: float | None) 
     """On its free side the load may be anywhere; all of that would be a deflection at once."""
     wall = Admittance(5e-4, 2e-2, 2.0, wall_rad=10.0)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench, bench.loop.running():
-        bench.loop.controller = AdmittanceController(
-            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
-        )
+        controlled(bench)
         bench.loop.run(acting(wall, 800))
         bench.loop.run(acting(Admittance(5e-4, 2e-2, 2.0, wall_rad=wall_rad), 20))
     ticks = join(bench.parts).ticks
@@ -181,9 +180,7 @@ def test_a_wall_that_goes_or_moves_leaves_no_deflection(wall_rad: float | None) 
 def test_after_the_drives_were_idle_a_body_begins_where_the_shaft_is() -> None:
     law = Admittance(5e-4, 2e-2)
     with opened(load_rig(RIGS / "sim-odrive.toml")) as bench:
-        controller = bench.loop.controller = AdmittanceController(
-            PlantSettings().calibration(), TICK_S, bench.loop.guard.limits.load_torque_nm
-        )
+        controller = controlled(bench)
         with bench.loop.running():
             bench.loop.run(acting(law, 300))
         body = controller._body
