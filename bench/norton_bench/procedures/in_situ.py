@@ -5,6 +5,9 @@ the load drive gives the load the torque that it needs to follow, so that the ac
 is the motion source. In some trials, chosen at random, the load is not driven; they show the scatter of movements. The
 torque of the actuator is computed from the motion and the load; no torque sensor is used. Between trials the drives
 are idle.
+
+The load's torque is learned through a model of the actuator, where it has one: a motor's friction is too sudden for
+anything else. Any other actuator is learned from its measured response.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,21 +20,18 @@ from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.in_situ import (
     IN_SITU,
     Exerted,
-    Machine,
     Trial,
-    actuator_behind,
     figures,
-    load_by_twist,
     why_not_settled,
 )
-from norton_bench.identification.trials import TRIAL, diverge, settled
-from norton_bench.models.network import NortonNetwork
-from norton_bench.models.parameters import HALF_INTERVAL
+from norton_bench.identification.trials import TRIAL, diverge, settled, trial_segments
+from norton_bench.procedures.assembly import assembly_of
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.knowledge import Decision, Knowledge, Plan, refuse_servo, why_no_basis
+from norton_bench.procedures.knowledge import VELOCITY_SHARE, Decision, Knowledge, Plan
 from norton_bench.procedures.learning import Assembly, InSitu, Models, correction, next_load_torque
+from norton_bench.procedures.measured_response import load_torque_towards_source
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
-from norton_bench.procedures.waves import coasting, hold, multisine, pushed, ramp
+from norton_bench.procedures.waves import back, coasting, hold, multisine, pushed, ramp, staircase
 from norton_bench.records import LOAD_TAKEN, Measured
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
@@ -39,11 +39,21 @@ from norton_bench.segments import Use
 REST_S = 0.3
 # Before each trial the load is pushed this many times harder than its friction, with ramps of this duration.
 PUSH, PUSH_S = 2.0, 0.1
+# An actuator without a model may return by itself: the load swings, at first with this many times its friction.
+SWING, SWINGS, SWING_S = 3.0, 8, 1.0
+# From a movement that was too fast, or from the middle of the commands, back to no command.
+BACK_S = 1.0
+# To the middle of commands that are not the same to both sides.
+LEAD_S = 0.5
 # The first trial is not driven, for comparison; the first two driven ones show whether the trials converge.
 FIRST = (False, True, True)
-SCALINGS = 20
-# A given inertia of the load is ignored if it differs from the measured one by more than both of these.
-DEVIATIONS, SHARE = 3.0, 0.01
+HALVINGS = 20
+# How the segments are called in which the movement grows; their share of the greatest one follows.
+SIZE = "size "
+# The first share; how many there may be, each at most twice the last; and the speed that is enough, as a share of what
+# is allowed. Friction makes speed grow faster than the command, so what is aimed at is less than all.
+FIRST_SHARE, SIZES, ENOUGH, AIM = 0.05, 7, 0.6, 0.8
+LEAST_RAD_S = 1e-6
 
 
 class _Shaking(CalibrateProcedure):
@@ -73,18 +83,63 @@ class Shake:
         yield from _shaking(self.options).plan(known)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        load, said = _load(known, measured, self.options)
-        actuator = actuator_behind(measured, load, known.tick_s, known.rig.command.unit)
-        fault = why_no_basis(actuator, "the actuator behind its load")
-        if fault is not None:
-            raise ExperimentError(f"in_situ: {fault}; shake it more, or see that the load drive's torque moves it")
-        models = Models(Machine.of_fit(actuator), load)
-        return replace(known, in_situ=_planned(self.options, Assembly(models, said), known))
+        assembly = assembly_of(known, measured, self.options)
+        return replace(known, in_situ=_planned(self.options, assembly, known))
 
     def recorded_event(self, known: Knowledge) -> tuple[str, str]:
         """The load's values."""
         assert known.in_situ is not None
         return LOAD_TAKEN, known.in_situ.load.as_text()
+
+
+@dataclass(frozen=True, eq=False)
+class Size:
+    """Looks for the greatest movement, where no model predicts it: from a small one on, with the load not driven."""
+
+    options: InSituOptions
+    state: InSitu
+    name: ClassVar[str] = IN_SITU
+
+    def require(self, rig: Rig) -> None:
+        """Checked before."""
+
+    def duration_s(self, rig: Rig) -> float:
+        return SIZES * self.options.duration_s
+
+    def plan(self, known: Knowledge) -> Plan:
+        fastest_rad_s, share = self._fastest_rad_s(known), FIRST_SHARE
+        for _ in range(SIZES):
+            command = _command(self.options, known, share)
+            if command[0]:
+                yield coasting(self.name, "lead", Use.PREPARE, ramp(0.0, float(command[0]), LEAD_S, known.tick_s))
+            measured = yield coasting(
+                self.name, f"{SIZE}{share!r}", Use.PREPARE, command, stop_at_velocity_rad_s=fastest_rad_s
+            )
+            peak_rad_s = _peak_rad_s(measured)
+            yield back(self.name, "rest", known.rig, measured, BACK_S)
+            if share == 1.0 or peak_rad_s > ENOUGH * fastest_rad_s:
+                break
+            share = min(share * min(2.0, AIM * fastest_rad_s / max(peak_rad_s, LEAST_RAD_S)), 1.0)
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        fastest_rad_s, share = self._fastest_rad_s(known), 0.0
+        for segment in measured.segments:
+            if segment.name.startswith(SIZE):
+                peak_rad_s = _peak_rad_s(measured.between(segment.start_ns, segment.end_ns))
+                share = float(segment.name.removeprefix(SIZE)) if peak_rad_s < fastest_rad_s else share
+        if not share:
+            raise ExperimentError(
+                f"in_situ: {FIRST_SHARE:.0%} of the greatest movement is faster than {fastest_rad_s:.3g} rad/s; set a "
+                "lower [actuator.command] limit, or a greater amplitude of the step"
+            )
+        return replace(known, in_situ=replace(self.state, command=_command(self.options, known, share), sized=True))
+
+    def _fastest_rad_s(self, known: Knowledge) -> float:
+        return self.options.amplitude * known.rig.limits.velocity_rad_s
+
+
+def _peak_rad_s(measured: Measured) -> float:
+    return float(np.nanmax(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,27 +159,40 @@ class InSituTrial:
         return len(self.load_torque_nm) * rig.tick_s + REST_S + 2 * PUSH_S
 
     def plan(self, known: Knowledge) -> Plan:
-        yield pushed(self.name, "same past", Use.PREPARE, self._push_nm(known.tick_s))
-        yield coasting(self.name, "settle", Use.PREPARE, hold(0.0, REST_S, known.tick_s))
-        yield pushed(self.name, f"{TRIAL}{self.number}", Use.PREPARE, self.load_torque_nm, self.state.command)
+        middle, tick_s = float(self.state.command[0]), known.tick_s
+        if middle:
+            yield coasting(self.name, "lead", Use.PREPARE, ramp(0.0, middle, LEAD_S, tick_s))
+        past_nm = self._same_past_nm(tick_s)
+        yield pushed(self.name, "same past", Use.PREPARE, past_nm, np.full(len(past_nm), middle))
+        yield coasting(self.name, "settle", Use.PREPARE, hold(middle, REST_S, tick_s))
+        measured = yield pushed(
+            self.name, f"{TRIAL}{self.number}", Use.PREPARE, self.load_torque_nm, self.state.command
+        )
+        if middle:
+            yield back(self.name, "rest", known.rig, measured, BACK_S)
 
-    def _push_nm(self, tick_s: float) -> FloatArray:
-        """A push that bends both friction contacts to the same side, so that every trial starts from the same state."""
+    def _same_past_nm(self, tick_s: float) -> FloatArray:
+        """A torque after which the friction contacts are always in the same state.
+
+        A motor stays where it is pushed: both contacts are bent to the same side. What returns by itself, as a spring
+        does, is swung to and fro, less and less: it ends near its rest, with contacts that are hardly bent.
+        """
         assert self.state.assembly is not None
-        models = self.state.assembly.models
-        coulomb_nm = sum(each.network.coulomb_torque_nm for each in (models.actuator, models.load))
-        top_nm = PUSH * coulomb_nm / models.load.network.torque_gain
+        load, actuator = self.state.assembly.load.network, self.state.assembly.actuator
+        if actuator is None:
+            top_nm = SWING * load.coulomb_torque_nm / load.torque_gain
+            time_s = np.arange(1, round(SWING_S / tick_s) + 1) * tick_s
+            return np.asarray(top_nm * (1.0 - time_s / SWING_S) * np.sin(2 * np.pi * SWINGS / SWING_S * time_s))
+        coulomb_nm = load.coulomb_torque_nm + actuator.network.coulomb_torque_nm
+        top_nm = PUSH * coulomb_nm / load.torque_gain
         return np.concatenate([ramp(0.0, top_nm, PUSH_S, tick_s), ramp(top_nm, 0.0, PUSH_S, tick_s)])
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        before, tick_s = self.state, known.tick_s
-        assert before.assembly is not None
-        trial = Trial.of(measured, measured.segments[-1], before.load, tick_s)
-        taught = correction(
-            before.assembly.models, before.command, trial.load_torque_nm, trial.seen, trial.torque_nm, tick_s
-        )
-        exerted = Exerted.of(self.number, self.driven, trial, tick_s)
-        after = replace(before, trials=(*before.trials, exerted), corrections=(*before.corrections, taught))
+        before = self.state
+        segment = trial_segments(measured, self.name)[-1]
+        trial = Trial.of(measured, segment, before.load, known.tick_s)
+        exerted = Exerted.of(self.number, self.driven, trial, known.tick_s)
+        after = replace(before, trials=(*before.trials, exerted), readings=(*before.readings, trial))
         return replace(known, in_situ=after)
 
 
@@ -136,7 +204,6 @@ class InSituProcedure:
     name: ClassVar[str] = Shake.name
 
     def require(self, rig: Rig) -> None:
-        refuse_servo(rig, self.name)
         if rig.wiring.load is None:
             raise RigError(
                 f"{rig.place}: step 'in_situ' needs a load drive to give the load what it needs; "
@@ -145,13 +212,18 @@ class InSituProcedure:
 
     def duration_s(self, rig: Rig) -> float:
         trial_s = self.options.duration_s + 3 * REST_S
-        return _shaking(self.options).duration_s(rig) + self.options.trials * trial_s
+        size_s = 0.0 if rig.modelled and rig.servo is None else SIZES * self.options.duration_s
+        return _shaking(self.options).duration_s(rig) + size_s + self.options.trials * trial_s
 
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ
         if state is None or state.finished:
             sentence = "the assembly is shaken, to identify load and actuator separately"
             return Decision(replace(known, in_situ=None), Shake(self.options), sentence)
+        if not state.sized:
+            return Decision(
+                known, Size(self.options, state), "the greatest movement that is not too fast is looked for"
+            )
         trials = figures(state.trials)
         if settled(trials) or diverge(trials) or len(trials) >= self.options.trials:
             return _done(known, state)
@@ -162,13 +234,27 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     assert state.assembly is not None
     number = len(state.trials) + 1
     driven = state.order[number - 1]
-    load_torque_nm = np.zeros(len(state.command))
-    if driven:
-        models = state.assembly.models
-        load_torque_nm = next_load_torque(models, state.command, state.corrections, 0.0, known.tick_s)
+    load_torque_nm = _load_torque_nm(state, known) if driven else np.zeros(len(state.command))
     how = "with the load driven" if driven else "with the load not driven"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
     return Decision(known, InSituTrial(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
+
+
+def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:
+    """What the load should need to go along with the actuator, by all trials so far."""
+    assert state.assembly is not None
+    load, actuator, tick_s = state.assembly.load, state.assembly.actuator, known.tick_s
+    if actuator is None:
+        first, *others = zip(state.readings, state.trials, strict=True)
+        readings = [first[0], *(reading for reading, trial in others if trial.driven)]
+        fastest_rad_s = VELOCITY_SHARE * known.rig.limits.velocity_rad_s
+        return load_torque_towards_source(load, readings, fastest_rad_s, tick_s)
+    models = Models(actuator, load)
+    corrections = [
+        correction(models, state.command, each.load_torque_nm, each.seen, each.torque_nm, tick_s)
+        for each in state.readings
+    ]
+    return next_load_torque(models, state.command, corrections, 0.0, tick_s)
 
 
 def _done(known: Knowledge, state: InSitu) -> Decision:
@@ -188,14 +274,38 @@ def in_words(state: InSitu) -> str:
 
 
 def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> InSitu:
-    """The movement there and back, so that every trial begins at nearly the same position."""
-    half_s = options.duration_s / 2
-    wave = multisine(half_s, known.tick_s, low_hz=0.2, high_hz=options.highest_hz, seed=options.seed, slope=-0.25)
-    rest = hold(0.0, REST_S, known.tick_s)
-    command = np.concatenate([rest, wave, -wave, rest])
+    """With the greatest movement that the model allows; without a model, with a small one."""
+    if assembly.actuator is None:
+        return InSitu(assembly, _command(options, known, FIRST_SHARE), _order(options), sized=False)
     fastest_rad_s = options.amplitude * known.rig.limits.velocity_rad_s
-    scale = _scale(assembly.models.actuator.network, command, fastest_rad_s, known)
-    return InSitu(assembly, scale * command, _order(options))
+    network, (low, high) = assembly.actuator.network, (0.0, 1.0)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        command = _command(options, known, middle)
+        _, velocity, _ = network.free_motion(command, known.tick_s, longest_step_s=known.tick_s)
+        low, high = (middle, high) if np.max(np.abs(velocity)) <= fastest_rad_s else (low, middle)
+    return InSitu(assembly, _command(options, known, low), _order(options))
+
+
+def _command(options: InSituOptions, known: Knowledge, share: float) -> FloatArray:
+    """The movement there and back, so that every trial begins at nearly the same position; ``share`` of the greatest.
+
+    It is about the middle of the commands that may be chosen.
+    """
+    wave, tick_s = _wave(options, known.tick_s), known.tick_s
+    lowest, highest = known.rig.command.span
+    middle, reach = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+    rest = hold(0.0, REST_S, tick_s)
+    return np.asarray(middle + share * reach * np.concatenate([rest, wave, -wave, rest]))
+
+
+def _wave(options: InSituOptions, tick_s: float) -> FloatArray:
+    """One half of the movement, with a peak of no more than 1."""
+    half_s = options.duration_s / 2
+    if options.hold_s is None:
+        return multisine(half_s, tick_s, low_hz=0.2, high_hz=options.highest_hz, seed=options.seed, slope=-0.25)
+    levels = np.random.default_rng(options.seed).uniform(-1.0, 1.0, max(1, round(half_s / options.hold_s)))
+    return staircase(levels, options.hold_s, tick_s)
 
 
 def _order(options: InSituOptions) -> tuple[bool, ...]:
@@ -204,76 +314,3 @@ def _order(options: InSituOptions) -> tuple[bool, ...]:
     alone = max(1, round(options.left_alone * left))
     shuffled = np.random.default_rng(options.seed).permutation(left) >= alone
     return (*FIRST, *shuffled.tolist())
-
-
-def _scale(network: NortonNetwork, command: FloatArray, fastest_rad_s: float, known: Knowledge) -> float:
-    """The greatest scale of the command, up to the rig's limit, with the predicted source within ``fastest_rad_s``."""
-    low, high = 0.0, known.rig.command.limit
-    for _ in range(SCALINGS):
-        middle = 0.5 * (low + high)
-        _, velocity, _ = network.free_motion(middle * command, known.tick_s, longest_step_s=known.tick_s)
-        low, high = (middle, high) if np.max(np.abs(velocity)) <= fastest_rad_s else (low, middle)
-    return low
-
-
-def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple[Machine, tuple[str, ...]]:
-    """The load: from the twist between the encoders if that is precise enough, else from calibration and options.
-
-    Raises ExperimentError where the data do not separate it from the actuator.
-    """
-    # The scale of the torque sensor, by which it was calibrated, differs from that of the load's drive.
-    calibrated = None if known.calibration is None else Machine.of_load(known.calibration).in_drive_units()
-    try:
-        by_twist = load_by_twist(measured, known.tick_s)
-    except ExperimentError as error:
-        if calibrated is None:
-            raise ExperimentError(
-                "in_situ: load and actuator cannot be separated: the coupling twists too little for their "
-                "encoders; run the step 'calibrate' with a torque sensor before it, or join them less stiffly"
-            ) from error
-        assumed = _with(calibrated, options)
-        sentence = (
-            f"the load's inertia is assumed to be {_kgm2(assumed)} and cannot be checked, because the coupling twists"
-        )
-        return assumed, (f"{sentence} too little; an error of it is an error of the source, too",)
-    if by_twist.weight_nm > 0.0:
-        raise ExperimentError(
-            f"in_situ: an arm hangs on the load, with a torque of up to {by_twist.weight_nm:.3g} N*m by position; the "
-            "step supplies inertia and friction alone: take the arm off, balance it, or stand its axis upright"
-        )
-    calibrated_nms_rad = None if calibrated is None else calibrated.network.viscous_damping_nms_rad
-    return _by_twist(by_twist.machine, by_twist.inertia_deviation, calibrated_nms_rad, options)
-
-
-def _by_twist(
-    machine: Machine, deviation: float, calibrated_nms_rad: float | None, options: InSituOptions
-) -> tuple[Machine, tuple[str, ...]]:
-    half = 100 * HALF_INTERVAL * deviation
-    sentences = [f"the load's inertia is {_kgm2(machine)} ±{half:.1f} %, by the twist between the encoders"]
-    given_kgm2 = options.inertia_kgm2
-    if given_kgm2 is not None:
-        off = given_kgm2 / machine.network.inertia_kgm2 - 1.0
-        if abs(off) > max(DEVIATIONS * deviation, SHARE):
-            sentences.append(f"the given value {given_kgm2:.3g} kg*m^2 differs by {100 * off:+.0f} %, and is ignored")
-    viscous_nms_rad = options.viscous_damping_nms_rad
-    if viscous_nms_rad is None:
-        viscous_nms_rad = calibrated_nms_rad
-    if viscous_nms_rad is None:
-        sentences.append("its viscous damping is computed as if both encoders were read at the same instant")
-        return machine, tuple(sentences)
-    network = replace(machine.network, viscous_damping_nms_rad=viscous_nms_rad)
-    return replace(machine, network=network), tuple(sentences)
-
-
-def _with(machine: Machine, options: InSituOptions) -> Machine:
-    """The machine with the values given in the options."""
-    network = machine.network
-    if options.inertia_kgm2 is not None:
-        network = replace(network, inertia_kgm2=options.inertia_kgm2)
-    if options.viscous_damping_nms_rad is not None:
-        network = replace(network, viscous_damping_nms_rad=options.viscous_damping_nms_rad)
-    return replace(machine, network=network)
-
-
-def _kgm2(machine: Machine) -> str:
-    return f"{machine.network.inertia_kgm2:.4g} kg*m^2"

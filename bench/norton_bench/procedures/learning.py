@@ -20,7 +20,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
-from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine
+from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine, Trial
 from norton_bench.identification.trials import TrialFigures, TrialReadings, averaged, diverge, in_band, settled
 
 # The spectrum is averaged over this number of lines to estimate the noise.
@@ -104,28 +104,36 @@ def above_noise(values: FloatArray, deviation_nm: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Both machines of an in-situ experiment, and sentences about the origin of the load's values."""
+    """Both machines of an in-situ experiment, and sentences about where their values come from.
 
-    models: Models
+    ``actuator`` is None where no model describes it: its response is learned from the trials.
+    """
+
+    load: Machine
+    actuator: Machine | None
     said: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class InSitu:
-    """The state of an in-situ experiment. ``order`` has for every trial, past and future, whether it is driven."""
+    """The state of an in-situ experiment. ``order`` has for every trial, past and future, whether it is driven.
+
+    ``sized`` is False as long as the greatest ``command`` that is not too fast is unknown.
+    """
 
     assembly: Assembly | None = None
     command: FloatArray = field(default_factory=lambda: np.empty(0))
     order: tuple[bool, ...] = ()
+    sized: bool = True
     trials: tuple[Exerted, ...] = ()
-    corrections: tuple[Correction, ...] = ()
+    readings: tuple[Trial, ...] = ()
     finished: bool = False
 
     @property
     def load(self) -> LoadTaken:
         """The load's values for the recording; only after the assembly was shaken."""
         assert self.assembly is not None
-        return LoadTaken(self.assembly.models.load, self.assembly.said, len(self.command))
+        return LoadTaken(self.assembly.load, self.assembly.said, len(self.command))
 
 
 # Corrections are averaged until their noise has a quarter of the power of a single one: one more saves 5 %.

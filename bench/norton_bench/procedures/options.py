@@ -161,13 +161,16 @@ class InSituOptions(Options):
     ``trials`` is the greatest number of trials, ``left_alone`` the share, chosen at random, without a driven load.
     ``shake_s`` is the time of shaking before the first trial, to identify load and actuator separately.
     ``viscous_damping_nms_rad`` and ``inertia_kgm2`` of the load are given where they are known, else None; both in
-    newton metres of the load drive. ``amplitude`` is that of the predicted motion source.
+    newton metres of the load drive. ``amplitude`` is the greatest velocity as a share of the rig's limit: of the
+    predicted motion source, or, where there is no model, of the loaded actuator. With ``hold_s`` the command stays at
+    random levels for so long each, for an actuator that reaches by itself; else it is a multisine.
     """
 
     trials: int = Field(12, ge=4, le=100, examples=[12])
     duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
     shake_s: Seconds = Field(24.0, alias="shake", ge=4, examples=["24 s"])
     highest_hz: Hertz = Field(3.0, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
+    hold_s: Seconds | None = Field(None, alias="hold", gt=0, examples=["600 ms"])
     amplitude: Fraction = Field(0.5, gt=0, le=1, examples=["50 %"])
     left_alone: Fraction = Field(0.25, ge=0, lt=1, examples=["25 %"])
     viscous_damping_nms_rad: Damping | None = Field(None, alias="viscous_damping", ge=0, examples=["3e-4 N*m*s/rad"])

@@ -19,7 +19,7 @@ from norton_bench.identification.in_situ import (
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.in_situ import InSituProcedure
+from norton_bench.procedures.in_situ import SIZE, InSituProcedure, Size
 from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
@@ -47,6 +47,10 @@ class Found:
     result: InSituResult
     true_rms_nm: list[float]
     said: list[str]
+
+    @property
+    def last_driven(self) -> int:
+        return [trial.number for trial in self.result.trials if trial.driven][-1]
 
     def below_db(self, number: int) -> float:
         """How far the true torque of a trial lies below that of the first."""
@@ -102,9 +106,8 @@ def free_velocity(command: np.ndarray, delay_s: float) -> np.ndarray:
 
 @pytest.mark.long
 def test_the_actuators_own_torque_vanishes(found: Found) -> None:
-    driven = [trial.number for trial in found.result.trials if trial.driven]
-    assert max(found.below_db(number) for number in driven) > 30.0
-    assert found.below_db(driven[-1]) > 30.0
+    assert max(found.below_db(trial.number) for trial in found.result.trials if trial.driven) > 30.0
+    assert found.below_db(found.last_driven) > 30.0
 
 
 def test_the_motion_that_is_left_is_that_of_the_actuator_alone(found: Found) -> None:
@@ -151,7 +154,7 @@ def assembled_load(found: Found) -> NortonNetwork:
     """What the load was taken for, in newton metres as its drive counts them."""
     assert found.known.in_situ is not None
     assert found.known.in_situ.assembly is not None
-    return found.known.in_situ.assembly.models.load.network
+    return found.known.in_situ.assembly.load.network
 
 
 def stiff(name: str) -> Rig:
@@ -235,6 +238,52 @@ def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: 
     assert decision.procedure is None
     assert "after 7 trials more than the scatter of movements is left" in decision.sentence
     assert not settled(figures(trials))
+
+
+@pytest.mark.long
+def test_an_actuator_without_a_model_is_learned_from_its_response() -> None:
+    """A motor behind a spring, whose command is a position."""
+    rig = half_rate("sim-series-elastic")
+    found = carried_out(rig, InSituOptions(trials=6, duration_s=4.0, shake_s=8.0))
+    assert "the actuator has no model: its response is learned from the trials" in found.result.assembly
+    assert "the greatest movement that is not too fast" in found.said[1]
+    assert found.below_db(found.last_driven) > 30.0
+    source = found.result.source
+    assert source is not None
+    assert 0.3 < np.max(np.abs(source.velocity_rad_s)) / rig.limits.velocity_rad_s < 0.6
+
+
+@pytest.mark.long
+def test_a_command_of_one_sign_is_moved_about_its_middle() -> None:
+    found = carried_out(half_rate("sim-pneumatic"), InSituOptions(trials=7, duration_s=4.0, shake_s=16.0))
+    command = found.known.in_situ.command  # type: ignore[union-attr]
+    assert command[0] == command[-1] == pytest.approx(0.025)
+    assert 0.0 <= np.min(command) < 0.02
+    assert found.below_db(found.last_driven) > 20.0
+
+
+@pytest.mark.long
+def test_a_servo_reaches_from_level_to_level() -> None:
+    options = InSituOptions(trials=5, duration_s=4.0, shake_s=8.0, hold_s=0.5, amplitude=0.2)
+    found = carried_out(half_rate("sim-servo"), options)
+    assert "the actuator is a servo: its response is learned from the trials" in found.result.assembly
+    assert len(np.unique(found.known.in_situ.command)) == 9  # type: ignore[union-attr]
+    assert found.below_db(found.last_driven) > 20.0
+
+
+def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) -> None:
+    state, record = found.known.in_situ, found.known.records[-1]
+    assert state is not None
+    moved = replace(record.segments[-1], name=f"{SIZE}0.05")
+    size = Size(OPTIONS.model_copy(update={"amplitude": 1e-3}), state)
+    with pytest.raises(ExperimentError, match=r"5% of the greatest movement is faster than 0\.08 rad/s; set a lower"):
+        size.conclude(found.known, replace(record, segments=(moved,)))
+
+
+@pytest.mark.long
+def test_an_arm_on_a_calibrated_load_is_refused_too() -> None:
+    with pytest.raises(ExperimentError, match="an arm hangs on the load, with a torque of up to"):
+        carried_out(half_rate("sim-gravity"), InSituOptions(trials=4, duration_s=2.0, shake_s=4.0), calibrated)
 
 
 def test_it_needs_a_load_drive() -> None:

@@ -1,0 +1,111 @@
+"""Learning without a model of the actuator, on assemblies that scipy integrates."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import odeint
+
+from norton_bench.arrays import FloatArray
+from norton_bench.identification.in_situ import Machine, Trial
+from norton_bench.identification.trials import TrialReadings, in_band
+from norton_bench.models.network import NortonNetwork
+from norton_bench.procedures.measured_response import load_torque_towards_source
+from norton_bench.procedures.waves import multisine
+
+TICK_S, DURATION_S = 2e-3, 2.0
+TICKS = round(DURATION_S / TICK_S)
+# The actuator: an inertia on a damped spring, whose other end moves; the load has three times its inertia.
+INERTIA_KGM2, DAMPING_NMS_RAD, STIFFNESS_NM_RAD, LOAD_KGM2 = 4e-4, 0.03, 2.0, 1.2e-3
+LOAD = Machine(NortonNetwork(1.0, 1000.0, LOAD_KGM2, 1e-4, 1e-6, 1.0, 1e-4, "N*m"), 0.0, 0.0)
+TIME_S = TICK_S * np.arange(TICKS)
+SOURCE_RAD = 0.3 * multisine(DURATION_S, TICK_S, low_hz=0.5, high_hz=3.0, seed=4)
+SOURCE_RAD_S = np.gradient(SOURCE_RAD, TICK_S)
+ANY_SPEED = 1e3
+Stiffness = Callable[[float], float]
+
+
+def moved(load_torque_nm: FloatArray, stiffness: Stiffness, load_kgm2: float) -> tuple[FloatArray, FloatArray]:
+    """Position [rad] and the torque of the actuator on its load [N m], both (ticks,)."""
+    network, mass = LOAD.network, load_kgm2 + INERTIA_KGM2
+
+    def actuator_nm(now_s: float, position: float, velocity: float) -> float:
+        spring = stiffness(now_s) * (np.interp(now_s, TIME_S, SOURCE_RAD) - position)
+        return float(spring + DAMPING_NMS_RAD * (np.interp(now_s, TIME_S, SOURCE_RAD_S) - velocity))
+
+    def changes(now_s: float, state: FloatArray) -> list[float]:
+        position, velocity, motor_nm = state
+        sent_nm = load_torque_nm[min(int(now_s / TICK_S), TICKS - 1)]
+        acting_nm = actuator_nm(now_s, position, velocity) + motor_nm
+        if load_kgm2:
+            acting_nm -= network.viscous_damping_nms_rad * velocity
+        return [velocity, acting_nm / mass, network.amplifier_bandwidth_rad_s * (sent_nm - motor_nm)]
+
+    states = odeint(changes, np.zeros(3), TIME_S, tfirst=True, hmax=TICK_S)
+    torque_nm = [
+        actuator_nm(now_s, *state[:2]) - INERTIA_KGM2 * changes(now_s, state)[1]
+        for now_s, state in zip(TIME_S, states, strict=True)
+    ]
+    return states[:, 0], np.array(torque_nm)
+
+
+def trial(load_torque_nm: FloatArray, stiffness: Stiffness) -> Trial:
+    position_rad, torque_nm = moved(load_torque_nm, stiffness, LOAD_KGM2)
+    return Trial(TrialReadings(position_rad, position_rad), load_torque_nm, torque_nm)
+
+
+def repeated(stiffness: Stiffness, trials: int) -> list[Trial]:
+    seen = [trial(np.zeros(TICKS), stiffness)]
+    while len(seen) < trials:
+        seen.append(trial(load_torque_towards_source(LOAD, seen, ANY_SPEED, TICK_S), stiffness))
+    return seen
+
+
+def rms_nm(each: Trial) -> float:
+    return float(np.sqrt(np.mean(in_band(each.torque_nm, TICK_S) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def constant() -> list[Trial]:
+    return repeated(lambda _: STIFFNESS_NM_RAD, 6)
+
+
+def test_the_torque_vanishes_and_the_motion_becomes_the_source(constant: list[Trial]) -> None:
+    first, last = constant[0], constant[-1]
+    assert rms_nm(last) < 10 ** (-30 / 20) * rms_nm(first)
+    free_rad, _ = moved(np.zeros(TICKS), lambda _: STIFFNESS_NM_RAD, 0.0)
+    assert np.std(last.seen.load_position_rad - free_rad) < 0.01 * np.std(free_rad)
+    assert np.std(first.seen.load_position_rad - free_rad) > 0.05 * np.std(free_rad)
+
+
+@pytest.mark.long
+def test_a_stiffness_that_changes_during_the_movement_makes_it_slower_not_wrong() -> None:
+    seen = repeated(lambda now_s: STIFFNESS_NM_RAD * (1.0 + 0.5 * np.sin(2 * np.pi * 0.7 * now_s)), 7)
+    assert rms_nm(seen[-1]) < 10 ** (-25 / 20) * rms_nm(seen[0])
+
+
+def test_torque_that_does_not_go_with_the_motion_is_not_learned_from(constant: list[Trial]) -> None:
+    """Noise in place of the torque: the aim stays the mean motion that was seen."""
+    random = np.random.default_rng(1)
+    noise = [Trial(each.seen, each.load_torque_nm, 1e-2 * random.standard_normal(TICKS)) for each in (constant[0],) * 2]
+    learned_nm = load_torque_towards_source(LOAD, noise, ANY_SPEED, TICK_S)
+    assert learned_nm == pytest.approx(load_torque_towards_source(LOAD, noise[:1], ANY_SPEED, TICK_S), abs=1e-9)
+
+
+def test_no_motion_is_aimed_at_that_is_too_fast(constant: list[Trial]) -> None:
+    """With a limit below the speed that was seen nothing is added to the motion."""
+    free_nm = load_torque_towards_source(LOAD, constant[:2], ANY_SPEED, TICK_S)
+    held_nm = load_torque_towards_source(LOAD, constant[:2], 1e-3, TICK_S)
+    slower_nm = load_torque_towards_source(LOAD, constant[:2], 1e-2, TICK_S)
+    assert held_nm == pytest.approx(slower_nm, abs=1e-12)
+    assert np.max(np.abs(free_nm - held_nm)) > 1e-3
+
+
+def test_after_a_trial_that_was_worse_less_is_added(constant: list[Trial]) -> None:
+    best, worse = constant[1], constant[0]
+    added = {}
+    for order in ((worse, best), (best, worse)):
+        learned_nm = load_torque_towards_source(LOAD, order, ANY_SPEED, TICK_S)
+        held_nm = load_torque_towards_source(LOAD, order, 1e-3, TICK_S)
+        added[order[0] is best] = np.std(learned_nm - held_nm)
+    assert added[True] == pytest.approx(0.5 * added[False], rel=1e-2)
