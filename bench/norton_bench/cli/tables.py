@@ -169,6 +169,7 @@ def trials_figures(trials: Sequence[TrialFigures]) -> dict[str, Any]:
         "torque_nm": [trial.torque_nm for trial in trials],
         "with_noise_nm": [trial.with_noise_nm for trial in trials],
         "noise_nm": [trial.noise_nm for trial in trials],
+        "hidden_nm": [trial.hidden_nm for trial in trials],
     }
 
 

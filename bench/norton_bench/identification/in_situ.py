@@ -30,11 +30,18 @@ from norton_bench.identification.trials import (
     settled,
     trial_segments,
 )
+from norton_bench.models.drawn_motor import drawn_values, has_covariance, possible
 from norton_bench.models.network import REQUIRED, NortonNetwork
+from norton_bench.models.network_file import read_term, term_as_json
 from norton_bench.models.parameters import HALF_INTERVAL, Status
 from norton_bench.models.terms import NetworkTerm
 from norton_bench.records import LOAD_TAKEN, NO_DEVICE_TIME, TORQUE, Event, Measured, SegmentInfo, Table
 from norton_bench.segments import Use
+
+# Parameters in which a torque counts.
+TORQUES = ("inertia", "viscous_damping", "coulomb_torque", "presliding_stiffness", "presliding_damping")
+# For a standard deviation to about a tenth.
+DRAWN = 50
 
 
 @dataclass(frozen=True)
@@ -69,10 +76,34 @@ class Machine:
             presliding_stiffness_nm_rad=network.presliding_stiffness_nm_rad / gain,
             presliding_damping_nms_rad=max(network.presliding_damping_nms_rad / gain, 0.0),
             terms=tuple(_per_torque(term, gain) for term in network.terms),
-            covariance_names=(),
-            covariance=(),
+            covariance=_covariance_per_torque(network),
         )
         return replace(self, network=scaled)
+
+    def knowing(self, name: str, value: float, std: float = 0.0) -> "Machine":
+        """The same with one parameter known from elsewhere, by its name, and its standard deviation."""
+        network = self.network.with_values({name: value})
+        if name in network.covariance_names:
+            place, covariance = network.covariance_names.index(name), np.array(network.covariance)
+            covariance[place, :] = covariance[:, place] = 0.0
+            covariance[place, place] = std**2
+            network = replace(network, covariance=tuple(map(tuple, covariance.tolist())))
+        return replace(self, network=network)
+
+    def drawn(self) -> tuple["Machine", ...]:
+        """As many as DRAWN machines whose values go together as the covariance has them; none where there is none."""
+        names = self.network.covariance_names
+        if not has_covariance(self.network):
+            return ()
+        values = drawn_values(self.network, seed=0)[:DRAWN].tolist()
+        # A damping that was measured with an error may be below zero in the model, too.
+        judged = [place for place, name in enumerate(names) if name != "viscous_damping"]
+        chosen = [
+            each for each in values if possible([names[place] for place in judged], [each[place] for place in judged])
+        ]
+        return tuple(
+            replace(self, network=self.network.with_values(dict(zip(names, each, strict=True)))) for each in chosen
+        )
 
     def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
         """What it exerts at its port, (ticks,), by what was sent to it and what arrived of its position."""
@@ -87,10 +118,35 @@ class Machine:
         return np.asarray((following - stays * wanted) / (1.0 - stays) / self.network.torque_gain)
 
 
+def _covariance_per_torque(network: NortonNetwork) -> tuple[tuple[float, ...], ...]:
+    """That of the values divided by the torque gain, which is then 1."""
+    if not network.covariance_names:
+        return ()
+    gain, values, names = network.torque_gain, network.values(), network.covariance_names
+    torques = {*TORQUES, *(name for term in network.terms for name, unit in _units(term) if unit.startswith("N*m"))}
+    slopes = np.diag([1.0 / gain if name in torques else 1.0 for name in names])
+    if "torque_gain" in names:
+        place = names.index("torque_gain")
+        slopes[:, place] = [
+            -values[name] / gain**2 if name in torques else slopes[row, place] for row, name in enumerate(names)
+        ]
+        slopes[place, place] = 0.0
+    covariance = slopes @ np.asarray(network.covariance) @ slopes.T
+    return tuple(map(tuple, covariance.tolist()))
+
+
+def _units(term: NetworkTerm) -> list[tuple[str, str]]:
+    return [(name, each.unit) for name, each in zip(term.named(), term.term.parameters, strict=True)]
+
+
 def _per_torque(term: NetworkTerm, gain: float) -> NetworkTerm:
     """The term with torques of 1/``gain`` as many newton metres."""
     pairs = zip(term.term.parameters, term.values, strict=True)
     return replace(term, values=tuple(value / gain if each.unit.startswith("N*m") else value for each, value in pairs))
+
+
+# What of a load's network is written as it is.
+TOLD = (*REQUIRED, "command_unit", "covariance_names", "covariance")
 
 
 # What an in-situ experiment took its load for: the one thing in its recording that its trials alone do not tell.
@@ -107,7 +163,8 @@ class LoadTaken:
         network = self.machine.network
         return json.dumps(
             {
-                "network": {name: getattr(network, name) for name in (*REQUIRED, "command_unit")},
+                "network": {name: getattr(network, name) for name in TOLD},
+                "terms": [term_as_json(term, network.command_unit) for term in network.terms],
                 "command_delay_s": self.machine.command_delay_s,
                 "motion_delay_s": self.machine.motion_delay_s,
                 "said": self.said,
@@ -121,11 +178,18 @@ class LoadTaken:
         """Raises ExperimentError for what :meth:`as_text` has not written."""
         try:
             data: dict[str, Any] = json.loads(text)
-            network = NortonNetwork(**data["network"])
+            terms = tuple(read_term("load", each) for each in data.get("terms", ()))
+            values = {name: _tuples(value) for name, value in data["network"].items()}
+            network = NortonNetwork(**values, terms=terms)
             machine = Machine(network, data["command_delay_s"], data["motion_delay_s"])
             return cls(machine, tuple(data["said"]), int(data["ticks"]))
         except (ValueError, KeyError, TypeError) as error:
             raise ExperimentError(f"what the load was taken for cannot be read: {error!r}") from error
+
+
+def _tuples(value: Any) -> Any:
+    """JSON has lists where a network has tuples."""
+    return tuple(_tuples(each) for each in value) if isinstance(value, list) else value
 
 
 def load_taken(events: Sequence[Event]) -> LoadTaken | None:
@@ -158,19 +222,37 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Exerted:
-    """One trial, at its ticks, arrays (ticks,): what the actuator exerted on its load, and how it moved meanwhile."""
+    """One trial, at its ticks, arrays (ticks,): what the actuator exerted on its load, and how it moved meanwhile.
+
+    ``uncertain_nm`` is the standard deviation of that torque by those of the load's values, rms; 0 where these are not
+    known.
+    """
 
     number: int
     driven: bool
     torque_nm: FloatArray  # in the taught band, less its mean over the trial
     position_rad: FloatArray  # from where the trial began
+    uncertain_nm: float = 0.0
 
     @classmethod
-    def of(cls, number: int, driven: bool, trial: Trial, tick_s: float) -> "Exerted":
-        torque_nm, position_rad = trial.torque_nm, trial.seen.position_rad
+    def of(cls, number: int, driven: bool, trial: Trial, load: LoadTaken, tick_s: float) -> "Exerted":
+        position_rad = trial.seen.position_rad
+        others = [
+            _judged(-machine.torque_nm(trial.load_torque_nm, trial.seen.load_position_rad, tick_s), tick_s)
+            for machine in load.machine.drawn()
+        ]
         return cls(
-            number, driven, in_band(torque_nm - np.mean(torque_nm), tick_s), np.asarray(position_rad - position_rad[0])
+            number,
+            driven,
+            _judged(trial.torque_nm, tick_s),
+            np.asarray(position_rad - position_rad[0]),
+            _scatter(others),
         )
+
+
+def _judged(torque_nm: FloatArray, tick_s: float) -> FloatArray:
+    """A torque in the taught band, less its mean."""
+    return in_band(torque_nm - np.mean(torque_nm), tick_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,26 +300,36 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
 def _exerted(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> Exerted:
     """Whether it was driven shows in what was wished: what is sent may be rounded to something else than zero."""
     driven = bool(np.any(sent(measured, segment, "wished_load_torque_nm", load.ticks, tick_s)))
-    return Exerted.of(number_of(segment), driven, Trial.of(measured, segment, load, tick_s), tick_s)
+    return Exerted.of(number_of(segment), driven, Trial.of(measured, segment, load, tick_s), load, tick_s)
+
+
+# Why there is nothing more to learn.
+EXPLAINED = "the scatter of movements and the load's values explain what is left"
 
 
 def why_not_settled(found: Sequence[TrialFigures]) -> tuple[str, ...]:
-    """Sentences; none where what is left is no more than the scatter of movements."""
+    """Sentences; none where what is left is no more than the scatter of movements, or than the load leaves open."""
     if settled(found):
         return ()
     if diverge(found):
         return ("it does not converge: two trials in a row were worse than one before them",)
-    return (f"after {len(found)} trials more than the scatter of movements is left",)
+    return (f"after {len(found)} trials more is left than the scatter of movements and the load's values explain",)
 
 
 def figures(trials: Sequence[Exerted]) -> tuple[TrialFigures, ...]:
     """Of every trial: the noise floor is by how much those differ in which the load was left to itself.
 
-    It is 0 as long as there are not two of them.
+    It is 0 as long as there are not two of them. What the load's uncertain values may add hides as much.
     """
     floor_nm = _scatter([each.torque_nm for each in trials if not each.driven])
     return tuple(
-        TrialFigures(each.number, float(np.sqrt(np.mean(each.torque_nm**2))), floor_nm, floor_nm, each.driven)
+        TrialFigures(
+            each.number,
+            float(np.sqrt(np.mean(each.torque_nm**2))),
+            floor_nm,
+            float(np.hypot(floor_nm, HALF_INTERVAL * each.uncertain_nm)),
+            each.driven,
+        )
         for each in trials
     )
 

@@ -1,9 +1,8 @@
 """What is known of an assembly: its load and its actuator, told apart by shaking both."""
 
-from dataclasses import replace
-
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.in_situ import Machine, actuator_behind, load_by_twist
+from norton_bench.identification.in_situ import LoadByTwist, Machine, actuator_behind, load_by_twist
+from norton_bench.models.network import told_deviations
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.knowledge import Knowledge, why_no_basis
 from norton_bench.procedures.learning import Assembly
@@ -62,8 +61,7 @@ def _load(known: Knowledge, measured: Measured, options: InSituOptions) -> tuple
         )
         return assumed, (f"{sentence} too little; an error of it is an error of the source, too",)
     _refuse_arm(by_twist.weight_nm)
-    calibrated_nms_rad = None if calibrated is None else calibrated.network.viscous_damping_nms_rad
-    return _by_twist(by_twist.machine, by_twist.inertia_deviation, calibrated_nms_rad, options)
+    return _by_twist(by_twist, calibrated, options)
 
 
 def _refuse_arm(weight_nm: float) -> None:
@@ -76,8 +74,9 @@ def _refuse_arm(weight_nm: float) -> None:
 
 
 def _by_twist(
-    machine: Machine, deviation: float, calibrated_nms_rad: float | None, options: InSituOptions
+    by_twist: LoadByTwist, calibrated: Machine | None, options: InSituOptions
 ) -> tuple[Machine, tuple[str, ...]]:
+    machine, deviation = by_twist.machine, by_twist.inertia_deviation
     half = 100 * HALF_INTERVAL * deviation
     sentences = [f"the load's inertia is {_kgm2(machine)} ±{half:.1f} %, by the twist between the encoders"]
     given_kgm2 = options.inertia_kgm2
@@ -85,24 +84,23 @@ def _by_twist(
         off = given_kgm2 / machine.network.inertia_kgm2 - 1.0
         if abs(off) > max(DEVIATIONS * deviation, SHARE):
             sentences.append(f"the given value {given_kgm2:.3g} kg*m^2 differs by {100 * off:+.0f} %, and is ignored")
-    viscous_nms_rad = options.viscous_damping_nms_rad
-    if viscous_nms_rad is None:
-        viscous_nms_rad = calibrated_nms_rad
-    if viscous_nms_rad is None:
+    if options.viscous_damping_nms_rad is not None:
+        machine = machine.knowing("viscous_damping", options.viscous_damping_nms_rad)
+    elif calibrated is not None:
+        std_nms_rad = told_deviations(calibrated.network).get("viscous_damping", 0.0)
+        machine = machine.knowing("viscous_damping", calibrated.network.viscous_damping_nms_rad, std_nms_rad)
+    else:
         sentences.append("its viscous damping is computed as if both encoders were read at the same instant")
-        return machine, tuple(sentences)
-    network = replace(machine.network, viscous_damping_nms_rad=viscous_nms_rad)
-    return replace(machine, network=network), tuple(sentences)
+    return machine, tuple(sentences)
 
 
 def _with(machine: Machine, options: InSituOptions) -> Machine:
     """The machine with the values given in the options."""
-    network = machine.network
     if options.inertia_kgm2 is not None:
-        network = replace(network, inertia_kgm2=options.inertia_kgm2)
+        machine = machine.knowing("inertia", options.inertia_kgm2)
     if options.viscous_damping_nms_rad is not None:
-        network = replace(network, viscous_damping_nms_rad=options.viscous_damping_nms_rad)
-    return replace(machine, network=network)
+        machine = machine.knowing("viscous_damping", options.viscous_damping_nms_rad)
+    return machine
 
 
 def _kgm2(machine: Machine) -> str:

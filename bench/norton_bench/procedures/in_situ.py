@@ -18,6 +18,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.in_situ import (
+    EXPLAINED,
     IN_SITU,
     Exerted,
     Trial,
@@ -191,7 +192,7 @@ class InSituTrial:
         before = self.state
         segment = trial_segments(measured, self.name)[-1]
         trial = Trial.of(measured, segment, before.load, known.tick_s)
-        exerted = Exerted.of(self.number, self.driven, trial, known.tick_s)
+        exerted = Exerted.of(self.number, self.driven, trial, before.load, known.tick_s)
         after = replace(before, trials=(*before.trials, exerted), readings=(*before.readings, trial))
         return replace(known, in_situ=after)
 
@@ -258,10 +259,7 @@ def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:
 
 
 def _done(known: Knowledge, state: InSitu) -> Decision:
-    end = (
-        "; ".join(why_not_settled(figures(state.trials)))
-        or "converged: what is left is no more than the scatter of movements"
-    )
+    end = "; ".join(why_not_settled(figures(state.trials))) or f"converged: {EXPLAINED}"
     return Decision(replace(known, in_situ=replace(state, finished=True)), None, f"{in_words(state)}; {end}")
 
 

@@ -9,14 +9,15 @@ in the torque of the load drive, so both follow by least squares. ``Y`` is smoot
 reduced by what chance may have added. The next trial moves the load along the estimate of ``x0``.
 
 What is left of the torque is multiplied by 1 − Ŷ/Y from trial to trial. So an error of ``Ŷ`` makes it slower, and only
-one of more than 100 % makes it diverge, as where the stiffness changes much while the actuator moves. After each trial
-that was worse than the best before it, only half as much of ``Ŷ τ`` is added.
+one of more than 100 % makes it diverge, as where the stiffness changes much while the actuator moves. So after each
+trial that was worse than the best one, the step from the load torque of the best one is half as large.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal.windows import tukey
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
@@ -25,6 +26,8 @@ from norton_bench.identification.trials import in_band
 
 # The admittance is smoothed over this width: a resonance narrower than that is not followed.
 SMOOTH_HZ = 2.0
+# A movement begins and ends at rest. What is added to it begins and ends within this time, or it would do so at once.
+EDGE_S = 0.2
 NOTHING = 1e-300
 # A step of less than that is none.
 LEAST_RAD = 1e-6
@@ -42,11 +45,13 @@ def load_torque_towards_source(
     torques = np.stack([in_band(each.torque_nm, tick_s) for each in trials])
     seen, towards_source = _source(motions, torques, tick_s)
     motion = in_band_motion(seen, tick_s)
-    step = in_band(towards_source, tick_s) * 0.5 ** _setbacks(np.mean(torques**2, axis=1))
+    step = in_band(towards_source, tick_s) * tukey(len(motion), min(2 * EDGE_S / (tick_s * len(motion)), 1.0))
     while np.max(np.abs(np.gradient(motion + step, tick_s))) > fastest_rad_s and np.any(step):
         step = step / 2 if np.max(np.abs(step)) > LEAST_RAD else np.zeros(len(step))
     needed_nm = -load.network.torque(np.zeros(len(motion)), motion + step, tick_s)
-    return load.command_for(needed_nm, tick_s)
+    best = int(np.argmin(np.mean(torques**2, axis=1)))
+    share = 0.5 ** (len(trials) - 1 - best)
+    return share * load.command_for(needed_nm, tick_s) + (1.0 - share) * trials[best].load_torque_nm
 
 
 def _source(motions: FloatArray, torques: FloatArray, tick_s: float) -> tuple[FloatArray, FloatArray]:
@@ -57,11 +62,6 @@ def _source(motions: FloatArray, torques: FloatArray, tick_s: float) -> tuple[Fl
     size = 2 * len(motion)
     admittance = _admittance(motions - motion, torques - torque, weights, tick_s)
     return motion, np.fft.irfft(admittance * np.fft.rfft(torque, size), size)[: len(motion)]
-
-
-def _setbacks(powers: FloatArray) -> int:
-    """In how many trials more torque was left than in the best before it."""
-    return int(np.count_nonzero(powers[1:] > np.minimum.accumulate(powers)[:-1]))
 
 
 def _admittance(motions: FloatArray, torques: FloatArray, weights: FloatArray, tick_s: float) -> NDArray[np.complex128]:

@@ -5,7 +5,7 @@ from math import isfinite
 
 from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
-from norton_bench.identification.in_situ import InSituResult
+from norton_bench.identification.in_situ import EXPLAINED, InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.rendered import Rendered, name_of
 from norton_bench.identification.source_table import SourceTable
@@ -232,7 +232,7 @@ def _law(result: Rendered) -> Iterator[tuple[tuple[str, str, float], float, floa
 def in_situ_sentence(result: InSituResult) -> str:
     """The trials in situ, in one sentence."""
     last = last_driven(result.trials)
-    end = "; ".join(result.reasons) or "what is left is no more than the scatter of movements"
+    end = "; ".join(result.reasons) or EXPLAINED
     return (
         f"In situ, {len(result.trials)} trials: in the last one the actuator exerted {1e3 * last.with_noise_nm:.2f} "
         f"mN·m, at least {last.below_db(result.trials[0]):.0f} dB below the first; {end}."

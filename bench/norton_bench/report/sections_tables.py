@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from norton_bench.identification.exertion_table import ExertionTable
-from norton_bench.identification.in_situ import SourceMotion
+from norton_bench.identification.in_situ import EXPLAINED, SourceMotion
 from norton_bench.identification.modulation import modulated
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
@@ -183,7 +183,7 @@ def in_situ_section(data: Result) -> Section | None:
     ]
     if result.source is not None:
         pictures.append(_source(result.source, pretty_unit(data.command_unit)))
-    ending = _ending(result.trials, "what is left is no more than the scatter of movements")
+    ending = _ending(result.trials, EXPLAINED)
     sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending)
     return Section(
         "in-situ",
@@ -215,12 +215,13 @@ def _ending(trials: Sequence[TrialFigures], floor: str) -> str:
 
 
 def _table(trials: Sequence[TrialFigures], floor: str) -> Facts:
-    head = ("trial", "torque [mN·m]", floor, "below the first [dB]")
+    head = ("trial", "torque [mN·m]", floor, "may be hidden [mN·m]", "below the first [dB]")
     rows = tuple(
         (
             str(trial.number),
             number(1e3 * trial.with_noise_nm, 3),
             number(1e3 * trial.noise_nm, 3),
+            number(1e3 * trial.hidden_nm, 3),
             f"{number(trial.below_db(trials[0]), 3)}{' or more' if trial.at_floor else ''}" if trial.driven else "–",
         )
         for trial in trials

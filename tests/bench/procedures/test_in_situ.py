@@ -236,18 +236,23 @@ def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: 
     state = replace(found.known.in_situ, trials=trials, finished=False)
     decision = InSituProcedure(OPTIONS).following(replace(found.known, in_situ=state))
     assert decision.procedure is None
-    assert "after 7 trials more than the scatter of movements is left" in decision.sentence
+    assert (
+        "after 7 trials more is left than the scatter of movements and the load's values explain" in decision.sentence
+    )
     assert not settled(figures(trials))
 
 
 @pytest.mark.long
-def test_an_actuator_without_a_model_is_learned_from_its_response() -> None:
-    """A motor behind a spring, whose command is a position."""
-    rig = half_rate("sim-series-elastic")
-    found = carried_out(rig, InSituOptions(trials=6, duration_s=4.0, shake_s=8.0))
-    assert "the actuator has no model: its response is learned from the trials" in found.result.assembly
+@pytest.mark.parametrize(
+    ("name", "because"), [("sim-series-elastic", "the actuator has no model"), ("sim-servo", "the actuator is a servo")]
+)
+def test_another_actuator_than_a_motor_is_learned_from_its_response(name: str, because: str) -> None:
+    """A motor behind a spring, and one behind its own loop: the command of both is a position."""
+    rig = half_rate(name)
+    found = carried_out(rig, InSituOptions(trials=7, duration_s=4.0, shake_s=8.0))
+    assert f"{because}: its response is learned from the trials" in found.result.assembly
     assert "the greatest movement that is not too fast" in found.said[1]
-    assert found.below_db(found.last_driven) > 30.0
+    assert found.below_db(found.last_driven) > 25.0
     source = found.result.source
     assert source is not None
     assert 0.3 < np.max(np.abs(source.velocity_rad_s)) / rig.limits.velocity_rad_s < 0.6
@@ -263,12 +268,10 @@ def test_a_command_of_one_sign_is_moved_about_its_middle() -> None:
 
 
 @pytest.mark.long
-def test_a_servo_reaches_from_level_to_level() -> None:
-    options = InSituOptions(trials=5, duration_s=4.0, shake_s=8.0, hold_s=0.5, amplitude=0.2)
-    found = carried_out(half_rate("sim-servo"), options)
-    assert "the actuator is a servo: its response is learned from the trials" in found.result.assembly
+def test_an_arm_reaches_from_level_to_level() -> None:
+    found = carried_out(half_rate("sim-arm"), InSituOptions(trials=5, duration_s=4.0, shake_s=8.0, hold_s=0.5))
     assert len(np.unique(found.known.in_situ.command)) == 9  # type: ignore[union-attr]
-    assert found.below_db(found.last_driven) > 20.0
+    assert found.below_db(found.last_driven) > 25.0
 
 
 def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) -> None:

@@ -212,7 +212,10 @@ def test_a_repeated_movement_is_shown_trial_by_trial(page_of_all: str) -> None:
 
 def test_an_assembled_actuator_has_its_trials_and_its_source(page_of_all: str) -> None:
     assert "The load&#39;s inertia is 1.26e-4 kg*m^2." in page_of_all
-    assert "repeated 6 times and converged: what is left is no more than the scatter of movements." in page_of_all
+    assert (
+        "repeated 6 times and converged: the scatter of movements and the load's values explain what is left."
+        in page_of_all
+    )
     assert "Trials differ by 0.0080 rad/s rms." in page_of_all
 
 
