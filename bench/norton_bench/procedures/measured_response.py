@@ -72,10 +72,12 @@ def _admittance(motions: FloatArray, torques: FloatArray, weights: FloatArray, t
     cross = _smooth(weights @ (moved * exerted.conj()), lines)
     power = _smooth(weights @ np.abs(exerted) ** 2, lines).real
     motion_power = _smooth(weights @ np.abs(moved) ** 2, lines).real
-    # Independent values in each mean: twice the ticks give every second line anew.
-    independent = max((len(weights) - 1) * lines / 2, 1.0)
-    coherence = np.abs(cross) ** 2 / np.maximum(power * motion_power, NOTHING)
-    explained = np.clip((coherence - 1.0 / independent) / np.maximum(coherence, NOTHING), 0.0, 1.0)
+    coherence = np.minimum(np.abs(cross) ** 2 / np.maximum(power * motion_power, NOTHING), 1.0)
+    # Twice the ticks give every second line anew; the mean motion and torque took one trial.
+    independent = max((len(weights) - 1) * lines / 2, 2.0)
+    # Chance makes a coherence γ² look like γ² + (1 − γ²)/n on average.
+    true_coherence = np.clip((coherence - 1.0 / independent) / (1.0 - 1.0 / independent), 0.0, 1.0)
+    explained = true_coherence / np.maximum(coherence, NOTHING)
     return np.asarray(-explained * cross / np.maximum(power, NOTHING), dtype=np.complex128)
 
 

@@ -19,7 +19,9 @@ TICKS = round(DURATION_S / TICK_S)
 INERTIA_KGM2, DAMPING_NMS_RAD, STIFFNESS_NM_RAD, LOAD_KGM2 = 4e-4, 0.03, 2.0, 1.2e-3
 LOAD = Machine(NortonNetwork(1.0, 1000.0, LOAD_KGM2, 1e-4, 1e-6, 1.0, 1e-4, "N*m"), 0.0, 0.0)
 TIME_S = TICK_S * np.arange(TICKS)
-SOURCE_RAD = 0.3 * multisine(DURATION_S, TICK_S, low_hz=0.5, high_hz=3.0, seed=4)
+REST_RAD = np.zeros(round(0.3 / TICK_S))
+WAVE_RAD = 0.3 * multisine(DURATION_S - 0.6, TICK_S, low_hz=0.5, high_hz=3.0, seed=4)
+SOURCE_RAD = np.concatenate([REST_RAD, WAVE_RAD, REST_RAD])
 SOURCE_RAD_S = np.gradient(SOURCE_RAD, TICK_S)
 ANY_SPEED = 1e3
 Stiffness = Callable[[float], float]
@@ -67,7 +69,7 @@ def rms_nm(each: Trial) -> float:
 
 @pytest.fixture(scope="module")
 def constant() -> list[Trial]:
-    return repeated(lambda _: STIFFNESS_NM_RAD, 6)
+    return repeated(lambda _: STIFFNESS_NM_RAD, 8)
 
 
 def test_the_torque_vanishes_and_the_motion_becomes_the_source(constant: list[Trial]) -> None:
