@@ -293,7 +293,7 @@ def _command(options: InSituOptions, known: Knowledge, share: float) -> FloatArr
     wave, tick_s = _wave(options, known.tick_s), known.tick_s
     lowest, highest = known.rig.command.span
     middle, reach = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-    rest = hold(0.0, REST_S, tick_s)
+    rest = hold(0.0, max(REST_S, options.hold_s or 0.0), tick_s)  # the last reach must end, too
     return np.asarray(middle + share * reach * np.concatenate([rest, wave, -wave, rest]))
 
 

@@ -220,7 +220,7 @@ def _table(trials: Sequence[TrialFigures], floor: str) -> Facts:
         (
             str(trial.number),
             number(1e3 * trial.with_noise_nm, 3),
-            number(1e3 * trial.noise_nm, 3),
+            number(1e3 * trial.noise_nm, 3) if trial.noise_nm else "–",
             number(1e3 * trial.hidden_nm, 3),
             f"{number(trial.below_db(trials[0]), 3)}{' or more' if trial.at_floor else ''}" if trial.driven else "–",
         )

@@ -212,10 +212,8 @@ def test_a_repeated_movement_is_shown_trial_by_trial(page_of_all: str) -> None:
 
 def test_an_assembled_actuator_has_its_trials_and_its_source(page_of_all: str) -> None:
     assert "The load&#39;s inertia is 1.26e-4 kg*m^2." in page_of_all
-    assert (
-        "repeated 6 times and converged: the scatter of movements and the load's values explain what is left."
-        in page_of_all
-    )
+    end = "the scatter of movements and the load&#39;s values explain what is left."
+    assert f"repeated 6 times and converged: {end}" in page_of_all
     assert "Trials differ by 0.0080 rad/s rms." in page_of_all
 
 
