@@ -137,10 +137,11 @@ class Segment:
     def ticks(self) -> int:
         return len(self.command)
 
-    def continued(self, last: int, kept: int, ticks: int, tick_s: float) -> "Segment":
+    def continued(self, last: int, kept: int, pushing: int, ticks: int, tick_s: float) -> "Segment":
         """What follows where nobody says what comes after tick ``last``, with which it ended.
 
-        A prescribed motion goes on at its velocity then; commands and torques stay for ``kept`` ticks, then are zero.
+        A prescribed motion goes on at its velocity then; the actuator's command stays for ``kept`` ticks and the load's
+        torque for ``pushing``, then both are zero.
         """
         motion = _held(self.velocity_rad_s, last, ticks, ticks)
         return replace(
@@ -151,7 +152,7 @@ class Segment:
             position_rad=motion * tick_s * np.arange(1, len(motion) + 1),
             velocity_rad_s=motion,
             acceleration_rad_s2=0.0 * motion,
-            load_torque_nm=_held(self.load_torque_nm, last, kept, ticks),
+            load_torque_nm=_held(self.load_torque_nm, last, pushing, ticks),
             modulation=_held(self.modulation, last, ticks, ticks),
             stop_at_velocity_rad_s=float("inf"),
         )

@@ -54,14 +54,10 @@ def opened(rig: Rig, seed: int = 1) -> Iterator[Bench]:
     backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
     devices, parts = open_devices(rig, backend), list[Measured]()
+    loop = Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns)
+    loop.command_may_be_a_place = rig.may_be_a_spring
     try:
-        yield Bench(
-            rig,
-            backend,
-            devices,
-            Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns),
-            parts,
-        )
+        yield Bench(rig, backend, devices, loop, parts)
     finally:
         devices.link.close()
         backend.close()

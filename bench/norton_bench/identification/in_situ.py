@@ -13,7 +13,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import delayed
-from norton_bench.errors import ExperimentError
+from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
@@ -91,18 +91,26 @@ class Machine:
         return replace(self, network=network)
 
     def drawn(self) -> tuple["Machine", ...]:
-        """As many as DRAWN machines whose values go together as the covariance has them; none where there is none."""
-        names = self.network.covariance_names
-        if not has_covariance(self.network):
+        """DRAWN machines whose values go together as the covariance has them; none where there is none.
+
+        Instead of a value that no machine can have it has its own. A viscous damping that was measured with an error
+        may be below zero all the same.
+        """
+        network, names = self.network, self.network.covariance_names
+        if not has_covariance(network) or not np.all(np.isfinite(network.covariance)):
             return ()
-        values = drawn_values(self.network, seed=0)[:DRAWN].tolist()
-        # A damping that was measured with an error may be below zero in the model, too.
-        judged = [place for place, name in enumerate(names) if name != "viscous_damping"]
-        chosen = [
-            each for each in values if possible([names[place] for place in judged], [each[place] for place in judged])
-        ]
+        own = [network.values()[name] for name in names]
         return tuple(
-            replace(self, network=self.network.with_values(dict(zip(names, each, strict=True)))) for each in chosen
+            replace(
+                self,
+                network=network.with_values(
+                    {
+                        name: value if name == "viscous_damping" or possible([name], [value]) else known
+                        for name, value, known in zip(names, values, own, strict=True)
+                    }
+                ),
+            )
+            for values in drawn_values(network, seed=0)[:DRAWN].tolist()
         )
 
     def torque_nm(self, command: FloatArray, position_rad: FloatArray, tick_s: float) -> FloatArray:
@@ -183,7 +191,7 @@ class LoadTaken:
             network = NortonNetwork(**values, terms=terms)
             machine = Machine(network, data["command_delay_s"], data["motion_delay_s"])
             return cls(machine, tuple(data["said"]), int(data["ticks"]))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, UsageError) as error:
             raise ExperimentError(f"what the load was taken for cannot be read: {error!r}") from error
 
 

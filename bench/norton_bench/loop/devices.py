@@ -317,7 +317,7 @@ def guard_for(rig: Rig, devices: Devices) -> Guard:
         load=load is not None,
         torque_sensor=sensor is not None,
         # What is no motor, or holds a position, may be a spring: it stands still under its greatest command.
-        runs=rig.wiring.shaft == "free" and rig.modelled and not rig.holds_position,
+        runs=rig.wiring.shaft == "free" and not rig.may_be_a_spring,
         range_nm=inf if sensor is None else sensor.range_nm,
         resolution_rad=devices.actuator.position_resolution_rad,
         load_resolution_rad=0.0 if load is None else load.position_resolution_rad,

@@ -59,6 +59,7 @@ class Loop:
     stop_request: Callable[[], str | None] = never_stop
     controller: AdmittanceController | None = None
     on_time: Callable[[], AbstractContextManager[None]] = nullcontext
+    command_may_be_a_place: bool = False
     skipped_ticks: int = field(default=0, init=False)
     _next_ns: int = field(default=0, init=False)
     _segments: int = field(default=0, init=False)
@@ -178,8 +179,9 @@ class Loop:
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
 
-        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on; it is
-        zero at once after a segment that ended because the shaft had become fast enough.
+        The actuator's command stays for as long as the loop itself might stand still, and is zero from then on. After a
+        segment that ended because the shaft had become fast enough, what pushes it is zero at once; a command that may
+        be a place, to which the shaft would jump, stays.
 
         Raises as :meth:`run` does, and SafetyStopError where no order comes within :data:`HELD_S`.
         """
@@ -200,9 +202,11 @@ class Loop:
         """What the loop does after the last segment, until the next one is ordered."""
         last, ticks = self._last, round(HELD_S * 1e9 / self.tick_ns)
         if last is None:
-            return AT_REST.continued(0, 0, ticks, self.tick_ns * 1e-9)
-        acting = 0 if last.fast else self.guard.limits.stall_after_ns // self.tick_ns
-        return last.segment.continued(max(last.index - 1, 0), acting, ticks, self.tick_ns * 1e-9)
+            return AT_REST.continued(0, 0, 0, ticks, self.tick_ns * 1e-9)
+        acting = self.guard.limits.stall_after_ns // self.tick_ns
+        pushing = 0 if last.fast else acting
+        kept = acting if self.command_may_be_a_place else pushing
+        return last.segment.continued(max(last.index - 1, 0), kept, pushing, ticks, self.tick_ns * 1e-9)
 
     def _prepared(self, segment: Segment) -> SegmentRun:
         """Ready for its first tick, which is the next one that is not over yet."""

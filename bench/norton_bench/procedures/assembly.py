@@ -30,7 +30,10 @@ def _actuator(known: Knowledge, measured: Measured, load: Machine) -> tuple[Mach
         return None, f"the actuator has no model: {learned}"
     if known.rig.servo is not None:
         return None, f"the actuator is a servo: {learned}"
-    fit = actuator_behind(measured, load, known.tick_s, known.rig.command.unit)
+    try:
+        fit = actuator_behind(measured, load, known.tick_s, known.rig.command.unit)
+    except ExperimentError as error:
+        return None, f"the actuator behind its load cannot be fitted ({error}): {learned}"
     fault = why_no_basis(fit, "the actuator behind its load")
     if fault is not None:
         return None, f"{fault}: {learned}"

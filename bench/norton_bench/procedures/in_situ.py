@@ -28,22 +28,25 @@ from norton_bench.identification.in_situ import (
 from norton_bench.identification.trials import TRIAL, diverge, settled, trial_segments
 from norton_bench.procedures.assembly import assembly_of
 from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.excitations import travel_left_rad
 from norton_bench.procedures.knowledge import VELOCITY_SHARE, Decision, Knowledge, Plan
 from norton_bench.procedures.learning import Assembly, InSitu, Models, correction, next_load_torque
 from norton_bench.procedures.measured_response import load_torque_towards_source
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
-from norton_bench.procedures.waves import back, coasting, hold, multisine, pushed, ramp, staircase
+from norton_bench.procedures.tare import greatest_load_torque
+from norton_bench.procedures.waves import SLOWLY, back, coasting, hold, multisine, pushed, ramp, staircase
 from norton_bench.records import LOAD_TAKEN, Measured
 from norton_bench.rig.rig import Rig
-from norton_bench.segments import Use
+from norton_bench.segments import Segment, Use
 
 REST_S = 0.3
 # Before each trial the load is pushed this many times harder than its friction, with ramps of this duration.
 PUSH, PUSH_S = 2.0, 0.1
 # An actuator without a model may return by itself: the load swings, at first with this many times its friction.
 SWING, SWINGS, SWING_S = 3.0, 8, 1.0
-# From a movement that was too fast, or from the middle of the commands, back to no command.
+# The rest after the way back from a movement that was too fast, or from the middle of the commands.
 BACK_S = 1.0
+BACK_LASTS_S = (1.0 + SLOWLY) * BACK_S
 # To the middle of commands that are not the same to both sides.
 LEAD_S = 0.5
 # The first trial is not driven, for comparison; the first two driven ones show whether the trials converge.
@@ -54,7 +57,8 @@ SIZE = "size "
 # The first share; how many there may be, each at most twice the last; and the speed that is enough, as a share of what
 # is allowed. Friction makes speed grow faster than the command, so what is aimed at is less than all.
 FIRST_SHARE, SIZES, ENOUGH, AIM = 0.05, 7, 0.6, 0.8
-LEAST_RAD_S = 1e-6
+# Of the way that is left within the position limit, a movement may take this share.
+TRAVEL_SHARE = 0.8
 
 
 class _Shaking(CalibrateProcedure):
@@ -105,42 +109,72 @@ class Size:
         """Checked before."""
 
     def duration_s(self, rig: Rig) -> float:
-        return SIZES * self.options.duration_s
+        return size_s(self.options, rig)
 
     def plan(self, known: Knowledge) -> Plan:
-        fastest_rad_s, share = self._fastest_rad_s(known), FIRST_SHARE
+        rig, share = known.rig, FIRST_SHARE
         for _ in range(SIZES):
-            command = _command(self.options, known, share)
+            command = _command(self.options, rig, share)
             if command[0]:
-                yield coasting(self.name, "lead", Use.PREPARE, ramp(0.0, float(command[0]), LEAD_S, known.tick_s))
+                lead = _lead(rig, fastest_rad_s(self.options, rig))
+                measured = yield lead
+                if len(measured.ticks) < len(lead.command):
+                    yield back(self.name, "rest", rig, measured, BACK_S)
+                    return
             measured = yield coasting(
-                self.name, f"{SIZE}{share!r}", Use.PREPARE, command, stop_at_velocity_rad_s=fastest_rad_s
+                self.name,
+                f"{SIZE}{share!r}",
+                Use.PREPARE,
+                command,
+                stop_at_velocity_rad_s=fastest_rad_s(self.options, rig),
             )
-            peak_rad_s = _peak_rad_s(measured)
-            yield back(self.name, "rest", known.rig, measured, BACK_S)
-            if share == 1.0 or peak_rad_s > ENOUGH * fastest_rad_s:
-                break
-            share = min(share * min(2.0, AIM * fastest_rad_s / max(peak_rad_s, LEAST_RAD_S)), 1.0)
+            yield back(self.name, "rest", rig, measured, BACK_S)
+            used = self._used(measured, known)
+            if share == 1.0 or used > ENOUGH:
+                return
+            share = min(share * min(2.0, AIM / max(used, AIM / 2.0)), 1.0)
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
-        fastest_rad_s, share = self._fastest_rad_s(known), 0.0
+        share = 0.0
         for segment in measured.segments:
             if segment.name.startswith(SIZE):
-                peak_rad_s = _peak_rad_s(measured.between(segment.start_ns, segment.end_ns))
-                share = float(segment.name.removeprefix(SIZE)) if peak_rad_s < fastest_rad_s else share
+                used = self._used(measured.between(segment.start_ns, segment.end_ns), known)
+                share = float(segment.name.removeprefix(SIZE)) if used < 1.0 else share
         if not share:
             raise ExperimentError(
-                f"in_situ: {FIRST_SHARE:.0%} of the greatest movement is faster than {fastest_rad_s:.3g} rad/s; set a "
-                "lower [actuator.command] limit, or a greater amplitude of the step"
+                f"in_situ: the smallest movement about the middle of the commands is faster than "
+                f"{fastest_rad_s(self.options, known.rig):.3g} rad/s, or goes too far; set a lower [actuator.command] "
+                "limit, or a greater amplitude of the step"
             )
-        return replace(known, in_situ=replace(self.state, command=_command(self.options, known, share), sized=True))
+        command = _command(self.options, known.rig, share)
+        return replace(known, in_situ=replace(self.state, command=command, sized=True))
 
-    def _fastest_rad_s(self, known: Knowledge) -> float:
-        return self.options.amplitude * known.rig.limits.velocity_rad_s
+    def _used(self, measured: Measured, known: Knowledge) -> float:
+        """The greater share of what is allowed of speed and of way."""
+        position_rad = measured.ticks["position_rad"]
+        speed = np.nanmax(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0) / fastest_rad_s(
+            self.options, known.rig
+        )
+        way_rad = np.nanmax(np.abs(position_rad - position_rad[0]), initial=0.0)
+        return float(max(speed, way_rad / (TRAVEL_SHARE * travel_left_rad(known.records, known.rig))))
 
 
-def _peak_rad_s(measured: Measured) -> float:
-    return float(np.nanmax(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0))
+def fastest_rad_s(options: InSituOptions, rig: Rig) -> float:
+    """The greatest speed that a movement may have."""
+    return min(options.amplitude, VELOCITY_SHARE) * rig.limits.velocity_rad_s
+
+
+def size_s(options: InSituOptions, rig: Rig) -> float:
+    """The greatest duration of the search for the movement; 0 where a model predicts it."""
+    if rig.modelled and rig.servo is None:
+        return 0.0
+    return SIZES * (LEAD_S + len(_command(options, rig, 1.0)) * rig.tick_s + BACK_LASTS_S)
+
+
+def _lead(rig: Rig, fastest_rad_s: float) -> Segment:
+    """To the middle of the commands; it ends early where that turns the shaft fast."""
+    command = ramp(0.0, _middle_and_reach(rig)[0], LEAD_S, rig.tick_s)
+    return coasting(IN_SITU, "lead", Use.PREPARE, command, stop_at_velocity_rad_s=fastest_rad_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +191,14 @@ class InSituTrial:
         """Checked before the first."""
 
     def duration_s(self, rig: Rig) -> float:
-        return len(self.load_torque_nm) * rig.tick_s + REST_S + 2 * PUSH_S
+        return _trial_s(len(self.load_torque_nm), rig)
 
     def plan(self, known: Knowledge) -> Plan:
         middle, tick_s = float(self.state.command[0]), known.tick_s
         if middle:
-            yield coasting(self.name, "lead", Use.PREPARE, ramp(0.0, middle, LEAD_S, tick_s))
-        past_nm = self._same_past_nm(tick_s)
+            yield _lead(known.rig, np.inf)  # the movement was tried there
+        greatest_nm = greatest_load_torque(known.rig)
+        past_nm = np.clip(self._same_past_nm(tick_s), -greatest_nm, greatest_nm)
         yield pushed(self.name, "same past", Use.PREPARE, past_nm, np.full(len(past_nm), middle))
         yield coasting(self.name, "settle", Use.PREPARE, hold(middle, REST_S, tick_s))
         measured = yield pushed(
@@ -210,11 +245,20 @@ class InSituProcedure:
                 f"{rig.place}: step 'in_situ' needs a load drive to give the load what it needs; "
                 "add a [load] section or leave the step out"
             )
+        if not rig.may_be_a_spring and _middle_and_reach(rig)[1] <= 0.0:
+            raise RigError(
+                f"{rig.place}: step 'in_situ' moves to and fro, and the commands of this actuator turn it to one side "
+                "only; give [actuator.command] a lowest below zero, or leave the step out"
+            )
+        if self.options.hold_s is not None and rig.servo is not None:
+            raise RigError(
+                f"{rig.place}: step 'in_situ': hold is for an actuator that reaches by itself; a servo would jump from "
+                "level to level: leave hold out"
+            )
 
     def duration_s(self, rig: Rig) -> float:
-        trial_s = self.options.duration_s + 3 * REST_S
-        size_s = 0.0 if rig.modelled and rig.servo is None else SIZES * self.options.duration_s
-        return _shaking(self.options).duration_s(rig) + size_s + self.options.trials * trial_s
+        trial_s = _trial_s(len(_command(self.options, rig, 1.0)), rig)
+        return _shaking(self.options).duration_s(rig) + size_s(self.options, rig) + self.options.trials * trial_s
 
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ
@@ -235,7 +279,9 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     assert state.assembly is not None
     number = len(state.trials) + 1
     driven = state.order[number - 1]
-    load_torque_nm = _load_torque_nm(state, known) if driven else np.zeros(len(state.command))
+    greatest_nm = greatest_load_torque(known.rig)
+    learned_nm = _load_torque_nm(state, known) if driven else np.zeros(len(state.command))
+    load_torque_nm = np.clip(learned_nm, -greatest_nm, greatest_nm)
     how = "with the load driven" if driven else "with the load not driven"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
     return Decision(known, InSituTrial(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
@@ -248,8 +294,8 @@ def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:
     if actuator is None:
         first, *others = zip(state.readings, state.trials, strict=True)
         readings = [first[0], *(reading for reading, trial in others if trial.driven)]
-        fastest_rad_s = VELOCITY_SHARE * known.rig.limits.velocity_rad_s
-        return load_torque_towards_source(load, readings, fastest_rad_s, tick_s)
+        no_faster_rad_s = VELOCITY_SHARE * known.rig.limits.velocity_rad_s
+        return load_torque_towards_source(load, readings, no_faster_rad_s, tick_s)
     models = Models(actuator, load)
     corrections = [
         correction(models, state.command, each.load_torque_nm, each.seen, each.torque_nm, tick_s)
@@ -273,28 +319,38 @@ def in_words(state: InSitu) -> str:
 
 def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> InSitu:
     """With the greatest movement that the model allows; without a model, with a small one."""
+    rig = known.rig
     if assembly.actuator is None:
-        return InSitu(assembly, _command(options, known, FIRST_SHARE), _order(options), sized=False)
-    fastest_rad_s = options.amplitude * known.rig.limits.velocity_rad_s
+        return InSitu(assembly, _command(options, rig, FIRST_SHARE), _order(options), sized=False)
     network, (low, high) = assembly.actuator.network, (0.0, 1.0)
     for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        command = _command(options, known, middle)
-        _, velocity, _ = network.free_motion(command, known.tick_s, longest_step_s=known.tick_s)
-        low, high = (middle, high) if np.max(np.abs(velocity)) <= fastest_rad_s else (low, middle)
-    return InSitu(assembly, _command(options, known, low), _order(options))
+        half = 0.5 * (low + high)
+        _, velocity, _ = network.free_motion(_command(options, rig, half), rig.tick_s, longest_step_s=rig.tick_s)
+        low, high = (half, high) if np.max(np.abs(velocity)) <= fastest_rad_s(options, rig) else (low, half)
+    return InSitu(assembly, _command(options, rig, low), _order(options))
 
 
-def _command(options: InSituOptions, known: Knowledge, share: float) -> FloatArray:
+def _command(options: InSituOptions, rig: Rig, share: float) -> FloatArray:
     """The movement there and back, so that every trial begins at nearly the same position; ``share`` of the greatest.
 
     It is about the middle of the commands that may be chosen.
     """
-    wave, tick_s = _wave(options, known.tick_s), known.tick_s
-    lowest, highest = known.rig.command.span
-    middle, reach = 0.5 * (lowest + highest), 0.5 * (highest - lowest)
-    rest = hold(0.0, max(REST_S, options.hold_s or 0.0), tick_s)  # the last reach must end, too
+    wave, (middle, reach) = _wave(options, rig.tick_s), _middle_and_reach(rig)
+    rest = hold(0.0, max(REST_S, options.hold_s or 0.0), rig.tick_s)  # the last reach must end, too
     return np.asarray(middle + share * reach * np.concatenate([rest, wave, -wave, rest]))
+
+
+def _middle_and_reach(rig: Rig) -> tuple[float, float]:
+    """About what the commands move, and how far. What pushes or turns the shaft rests at zero alone."""
+    lowest, highest = rig.command.span
+    if not rig.may_be_a_spring:
+        return 0.0, min(-lowest, highest)
+    return 0.5 * (lowest + highest), 0.5 * (highest - lowest)
+
+
+def _trial_s(ticks: int, rig: Rig) -> float:
+    """How long a trial of so many ticks lasts at most, with what is before and after it."""
+    return ticks * rig.tick_s + LEAD_S + SWING_S + REST_S + BACK_LASTS_S
 
 
 def _wave(options: InSituOptions, tick_s: float) -> FloatArray:
@@ -302,7 +358,7 @@ def _wave(options: InSituOptions, tick_s: float) -> FloatArray:
     half_s = options.duration_s / 2
     if options.hold_s is None:
         return multisine(half_s, tick_s, low_hz=0.2, high_hz=options.highest_hz, seed=options.seed, slope=-0.25)
-    levels = np.random.default_rng(options.seed).uniform(-1.0, 1.0, max(1, round(half_s / options.hold_s)))
+    levels = np.random.default_rng(options.seed).uniform(-1.0, 1.0, int(half_s / options.hold_s))
     return staircase(levels, options.hold_s, tick_s)
 
 

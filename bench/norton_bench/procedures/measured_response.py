@@ -26,7 +26,7 @@ from norton_bench.identification.trials import in_band
 
 # The admittance is smoothed over this width: a resonance narrower than that is not followed.
 SMOOTH_HZ = 2.0
-# A movement begins and ends at rest. What is added to it begins and ends within this time, or it would do so at once.
+# A movement begins and ends at rest, for longer than this. Within it what is added to the motion comes and goes.
 EDGE_S = 0.2
 NOTHING = 1e-300
 # A step of less than that is none.
@@ -41,7 +41,7 @@ def load_torque_towards_source(
     ``trials`` has at least one; the load was driven in all but the first. No motion faster than ``fastest_rad_s`` is
     aimed at.
     """
-    motions = np.stack([delayed(each.seen.load_position_rad, tick_s, -load.motion_delay_s) for each in trials])
+    motions = np.stack([_from_start(each, load, tick_s) for each in trials])
     torques = np.stack([in_band(each.torque_nm, tick_s) for each in trials])
     seen, towards_source = _source(motions, torques, tick_s)
     motion = in_band_motion(seen, tick_s)
@@ -52,6 +52,12 @@ def load_torque_towards_source(
     best = int(np.argmin(np.mean(torques**2, axis=1)))
     share = 0.5 ** (len(trials) - 1 - best)
     return share * load.command_for(needed_nm, tick_s) + (1.0 - share) * trials[best].load_torque_nm
+
+
+def _from_start(trial: Trial, load: Machine, tick_s: float) -> FloatArray:
+    """The load's motion from where it rested: a motor, or a counter that began anew, is somewhere else each time."""
+    position_rad = delayed(trial.seen.load_position_rad, tick_s, -load.motion_delay_s)
+    return np.asarray(position_rad - np.mean(position_rad[: round(EDGE_S / tick_s)]))
 
 
 def _source(motions: FloatArray, torques: FloatArray, tick_s: float) -> tuple[FloatArray, FloatArray]:

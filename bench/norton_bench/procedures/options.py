@@ -170,12 +170,18 @@ class InSituOptions(Options):
     duration_s: Seconds = Field(8.0, alias="duration", ge=2, examples=["8 s"])
     shake_s: Seconds = Field(24.0, alias="shake", ge=4, examples=["24 s"])
     highest_hz: Hertz = Field(3.0, alias="highest", gt=0.2, le=20, examples=["3 Hz"])
-    hold_s: Seconds | None = Field(None, alias="hold", gt=0, examples=["600 ms"])
+    hold_s: Seconds | None = Field(None, alias="hold", ge=0.05, examples=["600 ms"])
     amplitude: Fraction = Field(0.5, gt=0, le=1, examples=["50 %"])
     left_alone: Fraction = Field(0.25, ge=0, lt=1, examples=["25 %"])
     viscous_damping_nms_rad: Damping | None = Field(None, alias="viscous_damping", ge=0, examples=["3e-4 N*m*s/rad"])
     inertia_kgm2: Inertia | None = Field(None, alias="inertia", gt=0, examples=["1.2e-4 kg*m^2"])
     seed: int = Field(6, ge=0, examples=[6])
+
+    @model_validator(mode="after")
+    def _held_within_the_movement(self) -> "InSituOptions":
+        if self.hold_s is not None and self.hold_s > self.duration_s / 2:
+            raise ValueError("hold is longer than half of the duration: the movement goes there and back; shorten it")
+        return self
 
 
 class RestOptions(Options):

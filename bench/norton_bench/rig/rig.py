@@ -91,6 +91,11 @@ class Rig:
         return self.servo is not None and self.servo.holds_position
 
     @property
+    def may_be_a_spring(self) -> bool:
+        """Whether a command may be the place at which the actuator rests, rather than what pushes or turns it."""
+        return not self.modelled or self.holds_position
+
+    @property
     def tick_ns(self) -> int:
         return self.wiring.tick_ns
 

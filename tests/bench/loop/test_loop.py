@@ -109,6 +109,17 @@ def test_a_segment_that_ended_for_its_speed_is_held_without_any_push() -> None:
     assert waited["command"][50:] == pytest.approx(0.01)  # nothing was too fast any more
 
 
+def test_a_place_stays_commanded_after_a_segment_that_ended_for_its_speed() -> None:
+    """The shaft of a spring would jump back to zero, until the session says what comes next."""
+    reach = pushed("test", "reach", Use.PREPARE, np.zeros(500), np.full(500, 0.1), stop_at_velocity_rad_s=1.0)
+    with opened(load_rig(RIGS / "sim-series-elastic.toml")) as bench, bench.loop.running():
+        bench.loop.run(reach)
+        bench.loop.hold(Late(20))
+    ticks = join(bench.parts).ticks
+    assert len(ticks[ticks["segment"] == 0]) < 500
+    assert ticks["command"][ticks["segment"] == NO_SEGMENT] == pytest.approx(0.1)
+
+
 def test_a_prescribed_motion_goes_on_at_its_last_velocity() -> None:
     rig = load_rig(RIGS / "sim-odrive.toml")
     with opened(rig) as bench, bench.loop.running():

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -299,3 +300,39 @@ def test_a_loop_whose_session_is_lost_idles_the_drives(rig: Rig, witness: Path, 
         finally:
             session.kill()
     soon(lambda: not process_lives(pid), 5.0)
+
+
+def test_a_session_that_stood_still_looks_once_more_before_it_calls_its_loop_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on a virtual machine that was paused: the first look after it sees nothing new, the next one does."""
+    loop, now_s = Listening(), iter([0.0, 200.0, 200.04])
+    waits = iter([[], [], [loop._orders]])
+    monkeypatch.setattr(process_module, "wait", lambda *_: next(waits))
+    monkeypatch.setattr(time, "monotonic", lambda: next(now_s))
+    assert loop._answer(lambda: None, 120.0) == "answer"
+
+
+def test_a_loop_that_says_nothing_is_silent_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = iter([0.0, 200.0, *np.arange(200.04, 400.0, 0.04).tolist()])
+    loop = Listening()
+    monkeypatch.setattr(process_module, "wait", lambda *_: [])
+    monkeypatch.setattr(time, "monotonic", lambda: next(now_s))
+    with pytest.raises(SafetyStopError, match="has not been heard for 120 s"):
+        loop._answer(lambda: None, 120.0)
+    assert next(now_s) == pytest.approx(260.1, abs=0.1)
+
+
+class Listening(LoopProcess):
+    """Without a process: what it would hear is put in by hand."""
+
+    def __init__(self) -> None:
+        self._inbox = SimpleNamespace(ticks=0)  # type: ignore[assignment]
+        self._process = SimpleNamespace(sentinel=0, kill=lambda: None)  # type: ignore[assignment]
+        self._orders = SimpleNamespace(recv=lambda: "answer")  # type: ignore[assignment]
+
+    def _beat(self) -> None:
+        """Nobody to beat for."""
+
+    def _lost(self, how: str) -> SafetyStopError:
+        return SafetyStopError(how, "loop")

@@ -12,6 +12,7 @@ from norton_bench.identification.in_situ import (
     Exerted,
     InSituResult,
     LoadTaken,
+    Machine,
     figures,
     in_band_motion,
     in_situ_result,
@@ -279,7 +280,7 @@ def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) ->
     assert state is not None
     moved = replace(record.segments[-1], name=f"{SIZE}0.05")
     size = Size(OPTIONS.model_copy(update={"amplitude": 1e-3}), state)
-    with pytest.raises(ExperimentError, match=r"5% of the greatest movement is faster than 0\.08 rad/s; set a lower"):
+    with pytest.raises(ExperimentError, match=r"the smallest movement .* is faster than 0\.08 rad/s, or goes too far"):
         size.conclude(found.known, replace(record, segments=(moved,)))
 
 
@@ -287,6 +288,40 @@ def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) ->
 def test_an_arm_on_a_calibrated_load_is_refused_too() -> None:
     with pytest.raises(ExperimentError, match="an arm hangs on the load, with a torque of up to"):
         carried_out(half_rate("sim-gravity"), InSituOptions(trials=4, duration_s=2.0, shake_s=4.0), calibrated)
+
+
+def one_sided(rig: Rig) -> Rig:
+    return replace(rig, command=replace(rig.command, lowest=0.0))
+
+
+def test_it_refuses_what_it_cannot_move_to_and_fro() -> None:
+    with pytest.raises(RigError, match="turn it to one side only"):
+        InSituProcedure().require(one_sided(load_rig(RIGS / "sim-odrive.toml")))
+    InSituProcedure().require(load_rig(RIGS / "sim-pneumatic.toml"))
+    with pytest.raises(RigError, match="a servo would jump from level to level"):
+        InSituProcedure(InSituOptions(hold_s=0.5)).require(load_rig(RIGS / "sim-servo.toml"))
+
+
+def test_levels_are_held_within_the_movement() -> None:
+    with pytest.raises(ValueError, match="hold is longer than half of the duration"):
+        InSituOptions(duration_s=2.0, hold_s=1.5)
+
+
+def test_how_well_the_load_is_known_tells_how_well_the_torque_is() -> None:
+    """A load 2 % off in inertia, at a gain of 0.95, leaves 2 % of the torque that moves the inertia open."""
+    network = replace(
+        NortonNetwork(0.95, 1000.0, 1.2e-4, 3e-4, 8e-3, 8.0, 5e-3, "N*m"),
+        covariance_names=("torque_gain", "inertia"),
+        covariance=((1e-8, 0.0), (0.0, (0.02 * 1.2e-4) ** 2)),
+    )
+    load = Machine(network, 0.0, 0.0).in_drive_units()
+    inertias = [each.network.inertia_kgm2 for each in load.drawn()]
+    assert np.mean(inertias) == pytest.approx(TRUE_INERTIA_KGM2, rel=0.01)
+    assert np.std(inertias) == pytest.approx(0.02 * TRUE_INERTIA_KGM2, rel=0.3)
+    assert load.knowing("inertia", 2e-4).drawn()[3].network.inertia_kgm2 == 2e-4
+    assert Machine(replace(network, covariance_names=(), covariance=()), 0.0, 0.0).drawn() == ()
+    taken = LoadTaken(load, ("as it is",), 100)
+    assert LoadTaken.of_text(taken.as_text()) == taken
 
 
 def test_it_needs_a_load_drive() -> None:

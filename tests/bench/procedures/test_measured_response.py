@@ -10,7 +10,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.identification.in_situ import Machine, Trial
 from norton_bench.identification.trials import TrialReadings, in_band
 from norton_bench.models.network import NortonNetwork
-from norton_bench.procedures.measured_response import load_torque_towards_source
+from norton_bench.procedures.measured_response import _admittance, load_torque_towards_source
 from norton_bench.procedures.waves import multisine
 
 TICK_S, DURATION_S = 2e-3, 2.0
@@ -86,24 +86,28 @@ def test_a_stiffness_that_changes_during_the_movement_makes_it_slower_not_wrong(
     assert rms_nm(seen[-1]) < 10 ** (-25 / 20) * rms_nm(seen[0])
 
 
-def test_torque_that_does_not_go_with_the_motion_is_not_learned_from(constant: list[Trial]) -> None:
-    """Noise in place of the torque: the aim stays the mean motion that was seen."""
+def test_motion_that_does_not_go_with_the_torque_is_taken_for_noise() -> None:
+    """Noise in both: what chance correlates of them is taken off, and little of an admittance is left."""
     random = np.random.default_rng(1)
-    noise = [
-        Trial(constant[0].seen, constant[0].load_torque_nm, deviation_nm * random.standard_normal(TICKS))
-        for deviation_nm in (1e-2, 1e-3)
-    ]
-    learned_nm = load_torque_towards_source(LOAD, noise, ANY_SPEED, TICK_S)
-    assert learned_nm == pytest.approx(load_torque_towards_source(LOAD, noise[:1], ANY_SPEED, TICK_S), abs=1e-9)
+    motions, torques = random.standard_normal((2, 2, TICKS))
+    weights = np.full(2, 0.5)
+    motions, torques = motions - weights @ motions, torques - weights @ torques
+    noise = _admittance(motions, torques, weights, TICK_S)
+    true = _admittance(-0.3 * torques + 0.003 * motions, torques, weights, TICK_S)
+    assert np.sqrt(np.mean(np.abs(noise) ** 2)) < 0.35  # without: 0.5, of a ratio of 1
+    assert true == pytest.approx(np.full(len(true), 0.3), rel=0.05)
 
 
 def test_no_motion_is_aimed_at_that_is_too_fast(constant: list[Trial]) -> None:
-    """With a limit below the speed that was seen nothing is added to the motion."""
-    free_nm = load_torque_towards_source(LOAD, constant[:2], ANY_SPEED, TICK_S)
-    held_nm = load_torque_towards_source(LOAD, constant[:2], 1e-3, TICK_S)
-    slower_nm = load_torque_towards_source(LOAD, constant[:2], 1e-2, TICK_S)
-    assert held_nm == pytest.approx(slower_nm, abs=1e-12)
-    assert np.max(np.abs(free_nm - held_nm)) > 1e-3
+    """Nothing is added at limits below the speed that was seen, all of it above."""
+    limits_rad_s = (*np.linspace(0.5, 4.0, 36), ANY_SPEED)
+    learned = [load_torque_towards_source(LOAD, constant[:2], each, TICK_S) for each in limits_rad_s]
+    added = np.array([np.std(each - learned[0]) for each in learned])
+    assert added[1] == 0.0
+    assert added[-1] > 1e-3
+    assert np.all(np.diff(added) >= -1e-12)
+    seen_rad_s = np.max(np.abs(np.gradient(constant[1].seen.load_position_rad, TICK_S)))
+    assert 0.7 * seen_rad_s < limits_rad_s[int(np.argmax(added > 0.0))] < 1.3 * seen_rad_s
 
 
 def test_after_a_trial_that_was_worse_it_goes_half_of_the_way_from_the_best(constant: list[Trial]) -> None:
