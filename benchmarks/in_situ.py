@@ -50,7 +50,6 @@ STEPS: dict[str, dict[str, Any]] = {
     "sim-variable-stiffness": {},
     "sim-gear-train": {},
     "sim-pneumatic": {},
-    "sim-servo": {},
     "sim-arm": {"hold_s": 0.5},
 }
 # The load's values as they stand in the rigs, and the factors between which they are drawn.
