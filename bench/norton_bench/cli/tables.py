@@ -12,6 +12,7 @@ from norton_bench.identification.averages import Branch, Mean, Setting
 from norton_bench.identification.exertion_table import ExertionTable, Shaken
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
+from norton_bench.identification.path_impedance import PathImpedance
 from norton_bench.identification.rendered import Rendered
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.source_table import SourceTable
@@ -199,6 +200,17 @@ def in_situ_figures(result: InSituResult, source: Path | None) -> dict[str, Any]
         "reasons": list(result.reasons),
         "source": source,
         "source_scatter_rad_s": scatter,
+        "impedance": None if result.impedance is None else _impedance(result.impedance),
+    }
+
+
+def _impedance(about: PathImpedance) -> dict[str, Any]:
+    names = ("inertia_kgm2", "damping_nms_rad", "stiffness_nm_rad")
+    return {
+        **dict(zip(names, about.values, strict=True)),
+        "half_interval": dict(zip(names, about.half, strict=True)),
+        "explained": about.explained,
+        "linear": about.linear,
     }
 
 

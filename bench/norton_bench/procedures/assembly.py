@@ -1,7 +1,7 @@
 """What is known of an assembly: its load and its actuator, told apart by shaking both."""
 
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.in_situ import LoadByTwist, Machine, actuator_behind, load_by_twist
+from norton_bench.identification.assembly import LoadByTwist, Machine, actuator_behind, load_by_twist
 from norton_bench.models.network import told_deviations
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.procedures.knowledge import Knowledge, why_no_basis

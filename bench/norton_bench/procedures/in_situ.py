@@ -17,14 +17,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.identification.in_situ import (
-    EXPLAINED,
-    IN_SITU,
-    Exerted,
-    Trial,
-    figures,
-    why_not_settled,
-)
+from norton_bench.identification.assembly import Trial
+from norton_bench.identification.in_situ import EXPLAINED, IN_SITU, Exerted, figures, why_not_settled
 from norton_bench.identification.trials import TRIAL, diverge, settled, trial_segments
 from norton_bench.procedures.assembly import assembly_of
 from norton_bench.procedures.calibrate import CalibrateProcedure

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.identification.in_situ import Machine
+from norton_bench.identification.assembly import Machine
 from norton_bench.identification.trials import TRIAL, figures_of, seen
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import (

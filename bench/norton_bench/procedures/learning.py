@@ -20,7 +20,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
-from norton_bench.identification.in_situ import Exerted, LoadTaken, Machine, Trial
+from norton_bench.identification.assembly import LoadTaken, Machine, Trial
+from norton_bench.identification.in_situ import Exerted
 from norton_bench.identification.trials import TrialFigures, TrialReadings, averaged, diverge, in_band, settled
 
 # The spectrum is averaged over this number of lines to estimate the noise.

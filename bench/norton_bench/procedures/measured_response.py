@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from scipy.signal.windows import tukey
 
 from norton_bench.arrays import FloatArray
-from norton_bench.control.preview import delayed
-from norton_bench.identification.in_situ import Machine, Trial, in_band_motion
+from norton_bench.identification.assembly import Machine, Trial
+from norton_bench.identification.in_situ import in_band_motion
+from norton_bench.identification.path_impedance import differing
 from norton_bench.identification.trials import in_band
 
 # The admittance is smoothed over this width: a resonance narrower than that is not followed.
@@ -41,8 +42,7 @@ def load_torque_towards_source(
     ``trials`` has at least one; the load was driven in all but the first. No motion faster than ``fastest_rad_s`` is
     aimed at.
     """
-    motions = np.stack([_from_start(each, load, tick_s) for each in trials])
-    torques = np.stack([in_band(each.torque_nm, tick_s) for each in trials])
+    motions, torques = differing(load, trials, tick_s)
     seen, towards_source = _source(motions, torques, tick_s)
     motion = in_band_motion(seen, tick_s)
     step = in_band(towards_source, tick_s) * tukey(len(motion), min(2 * EDGE_S / (tick_s * len(motion)), 1.0))
@@ -52,12 +52,6 @@ def load_torque_towards_source(
     best = int(np.argmin(np.mean(torques**2, axis=1)))
     share = 0.5 ** (len(trials) - 1 - best)
     return share * load.command_for(needed_nm, tick_s) + (1.0 - share) * trials[best].load_torque_nm
-
-
-def _from_start(trial: Trial, load: Machine, tick_s: float) -> FloatArray:
-    """The load's motion from where it rested: a motor, or a counter that began anew, is somewhere else each time."""
-    position_rad = delayed(trial.seen.load_position_rad, tick_s, -load.motion_delay_s)
-    return np.asarray(position_rad - np.mean(position_rad[: round(EDGE_S / tick_s)]))
 
 
 def _source(motions: FloatArray, torques: FloatArray, tick_s: float) -> tuple[FloatArray, FloatArray]:

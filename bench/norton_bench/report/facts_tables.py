@@ -7,6 +7,7 @@ from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
 from norton_bench.identification.in_situ import EXPLAINED, InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
+from norton_bench.identification.path_impedance import PathImpedance
 from norton_bench.identification.rendered import Rendered, name_of
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import PortsRow, two_ports
@@ -168,6 +169,8 @@ def in_sentences(result: Result) -> Iterator[str]:
     yield from map(rendered_sentence, result.rendered)
     if result.in_situ is not None and result.in_situ.trials:
         yield in_situ_sentence(result.in_situ)
+        if result.in_situ.impedance is not None:
+            yield impedance_sentence(result.in_situ.impedance)
     if result.trials:
         yield trials_sentence(result.trials)
 
@@ -236,6 +239,24 @@ def in_situ_sentence(result: InSituResult) -> str:
     return (
         f"In situ, {len(result.trials)} trials: in the last one the actuator exerted {1e3 * last.with_noise_nm:.2f} "
         f"mN·m, at least {last.below_db(result.trials[0]):.0f} dB below the first; {end}."
+    )
+
+
+def impedance_sentence(about: PathImpedance) -> str:
+    """The impedance about the path, in one sentence."""
+    if not about.linear:
+        return (
+            f"About this motion an inertia, a damper and a spring explain only {about.explained:.0%} of how the torque "
+            "of the trials differs: friction, play, or a stiffness that changes answers, too."
+        )
+    parts = (("inertia", "kg·m²"), ("damping", "N·m·s/rad"), ("stiffness", "N·m/rad"))
+    inertia, damping, stiffness = (
+        f"{what} {number(value, 4)} ± {number(half, 2)} {unit}"
+        for (what, unit), value, half in zip(parts, about.values, about.half, strict=True)
+    )
+    return (
+        f"About this motion the actuator answers with {inertia}, {damping} and {stiffness}, at the load's encoder and "
+        f"in newton metres of its drive; they explain {about.explained:.1%} of how the torque of the trials differs."
     )
 
 

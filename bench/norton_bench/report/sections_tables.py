@@ -9,6 +9,7 @@ from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.report.facts_tables import (
+    impedance_sentence,
     line_facts,
     modulation_sentences,
     modulator_facts,
@@ -184,7 +185,8 @@ def in_situ_section(data: Result) -> Section | None:
     if result.source is not None:
         pictures.append(_source(result.source, pretty_unit(data.command_unit)))
     ending = _ending(result.trials, EXPLAINED)
-    sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending)
+    about = () if result.impedance is None else (impedance_sentence(result.impedance),)
+    sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending, *about)
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from norton_bench.identification.in_situ import Machine
+from norton_bench.identification.assembly import Machine
 from norton_bench.models.network import NortonNetwork
 from norton_bench.models.terms import NetworkTerm
 

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 
 from norton_bench.errors import ExperimentError, RigError
-from norton_bench.identification.in_situ import (
-    Exerted,
-    InSituResult,
-    LoadTaken,
-    Machine,
-    figures,
-    in_band_motion,
-    in_situ_result,
-)
+from norton_bench.identification.assembly import LoadTaken, Machine
+from norton_bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -248,15 +241,29 @@ def test_it_ends_and_says_so_where_more_is_left_than_movements_differ_by(found: 
     ("name", "because"), [("sim-series-elastic", "the actuator has no model"), ("sim-servo", "the actuator is a servo")]
 )
 def test_another_actuator_than_a_motor_is_learned_from_its_response(name: str, because: str) -> None:
-    """A motor behind a spring, and one behind its own loop: the command of both is a position."""
+    """A motor behind a spring, and one behind its own loop: the command of both is a position. As little torque is left
+    as is said, at least.
+    """
     rig = half_rate(name)
     found = carried_out(rig, InSituOptions(trials=7, duration_s=4.0, shake_s=8.0))
     assert f"{because}: its response is learned from the trials" in found.result.assembly
     assert "the greatest movement that is not too fast" in found.said[1]
-    assert found.below_db(found.last_driven) > 25.0
+    trials = found.result.trials
+    assert found.below_db(found.last_driven) > trials[found.last_driven - 1].below_db(trials[0]) > 12.0
     source = found.result.source
     assert source is not None
     assert 0.3 < np.max(np.abs(source.velocity_rad_s)) / rig.limits.velocity_rad_s < 0.6
+
+
+@pytest.mark.long
+def test_the_impedance_about_the_path_is_told_with_the_source() -> None:
+    """Three springs in a row: its own, that of its motor's loop, the torque sensor; in units of the load's drive."""
+    found = carried_out(half_rate("sim-series-elastic"), InSituOptions(trials=5, duration_s=4.0, shake_s=8.0))
+    about = found.result.impedance
+    assert about is not None
+    assert about.linear
+    assert about.values[2] == pytest.approx(1 / (1 / 3 + 1 / 30 + 1 / 200) / 0.95, rel=0.02)
+    assert about.half[2] < 0.02 * about.values[2]
 
 
 @pytest.mark.long
