@@ -195,6 +195,7 @@ def in_situ_figures(result: InSituResult, source: Path | None) -> dict[str, Any]
     scatter = None if result.source is None else result.source.scatter_rad_s
     return {
         **trials_figures(result.trials),
+        "converged": result.converged,
         "driven": [trial.driven for trial in result.trials],
         "assembly": list(result.assembly),
         "reasons": list(result.reasons),

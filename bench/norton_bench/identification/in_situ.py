@@ -87,7 +87,7 @@ class InSituResult:
 
     @property
     def converged(self) -> bool:
-        return settled(self.trials)
+        return converged(self.trials)
 
 
 def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
@@ -126,9 +126,14 @@ def _driven(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: f
 EXPLAINED = "the scatter of movements and the load's values explain what is left"
 
 
+def converged(found: Sequence[TrialFigures]) -> bool:
+    """Whether there is nothing more to learn, and two trials with the load left alone show how movements scatter."""
+    return settled(found) and sum(not each.driven for each in found) >= 2
+
+
 def why_not_settled(found: Sequence[TrialFigures]) -> tuple[str, ...]:
     """Sentences; none where what is left is no more than the scatter of movements, or than the load leaves open."""
-    if settled(found):
+    if converged(found):
         return ()
     if diverge(found):
         return ("it does not converge: two trials in a row were worse than one before them",)

@@ -18,8 +18,8 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.assembly import Trial
-from norton_bench.identification.in_situ import EXPLAINED, IN_SITU, Exerted, figures, why_not_settled
-from norton_bench.identification.trials import TRIAL, diverge, settled, trial_segments
+from norton_bench.identification.in_situ import EXPLAINED, IN_SITU, Exerted, converged, figures, why_not_settled
+from norton_bench.identification.trials import TRIAL, diverge, trial_segments
 from norton_bench.procedures.assembly import assembly_of
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.excitations import travel_left_rad
@@ -264,7 +264,7 @@ class InSituProcedure:
                 known, Size(self.options, state), "the greatest movement that is not too fast is looked for"
             )
         trials = figures(state.trials)
-        if settled(trials) or diverge(trials) or len(trials) >= self.options.trials:
+        if converged(trials) or diverge(trials) or len(trials) >= self.options.trials:
             return _done(known, state)
         return _next(known, state)
 

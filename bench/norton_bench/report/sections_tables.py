@@ -148,7 +148,7 @@ def trials_section(data: Result) -> Section | None:
         "See whether the bench learned to leave the shaft without torque.",
         f"Torque at the port below {TAUGHT_HZ:g} Hz, trial by trial; in the first the load was not driven.",
     )
-    sentences = (_ending(data.trials, "noise hides what is left"),)
+    sentences = (_ending(data.trials, "noise hides what is left", converged=settled(data.trials)),)
     table = _table(data.trials, "noise in it [mN·m]")
     return Section("trials", "Zero torque, trial by trial", sentences, (drawn,), (table,))
 
@@ -184,7 +184,7 @@ def in_situ_section(data: Result) -> Section | None:
     ]
     if result.source is not None:
         pictures.append(_source(result.source, pretty_unit(data.command_unit)))
-    ending = _ending(result.trials, EXPLAINED)
+    ending = _ending(result.trials, EXPLAINED, converged=result.converged)
     about = () if result.impedance is None else (impedance_sentence(result.impedance),)
     sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending, *about)
     return Section(
@@ -205,8 +205,8 @@ def _source(source: SourceMotion, unit: str) -> Picture:
     )
 
 
-def _ending(trials: Sequence[TrialFigures], floor: str) -> str:
-    if settled(trials):
+def _ending(trials: Sequence[TrialFigures], floor: str, *, converged: bool) -> str:
+    if converged:
         end = f"converged: {floor}"
     else:
         end = "did not converge" if diverge(trials) else "ended with more than that left"
