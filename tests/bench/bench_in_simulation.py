@@ -55,7 +55,7 @@ def opened(rig: Rig, seed: int = 1) -> Iterator[Bench]:
     assert isinstance(backend, SimulatedBackend)
     devices, parts = open_devices(rig, backend), list[Measured]()
     loop = Loop(devices, guard_for(rig, devices), Outbox((parts.append,)), Alignment(), rig.tick_ns)
-    loop.command_may_be_a_place = rig.may_be_a_spring
+    loop.command_may_be_a_place = rig.command_may_be_a_place
     try:
         yield Bench(rig, backend, devices, loop, parts)
     finally:

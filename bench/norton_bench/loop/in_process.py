@@ -52,7 +52,7 @@ def loop_in_process(
     try:
         outbox = Outbox(chain=rig.chain)
         loop = InProcessLoop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns, stop_request)
-        loop.command_may_be_a_place = rig.may_be_a_spring
+        loop.command_may_be_a_place = rig.command_may_be_a_place
         if not backend.lock_step:
             loop.on_time = partial(in_real_time, LOOP_PRIORITY)
         yield loop

@@ -73,7 +73,7 @@ def serve_loop(rig: Rig, seed: int | None, shared: Shared, orders: "Connection[A
             return
         outbox = SharedOutbox(shared.memory)
         loop = Loop(devices, guard_for(rig, devices), outbox, Alignment(), rig.tick_ns)
-        loop.command_may_be_a_place = rig.may_be_a_spring
+        loop.command_may_be_a_place = rig.command_may_be_a_place
         service = _Service(loop, outbox, shared, orders, settled.core)
         with suppress(OSError):  # the session has gone; the drives are idle
             orders.send(Done(settled))

@@ -92,8 +92,13 @@ class Rig:
 
     @property
     def may_be_a_spring(self) -> bool:
-        """Whether a command may be the place at which the actuator rests, rather than what pushes or turns it."""
+        """Whether the actuator may rest at a place under a command, rather than be turned by it."""
         return not self.modelled or self.holds_position
+
+    @property
+    def command_may_be_a_place(self) -> bool:
+        """Whether the command may be the place itself: a torque that is taken back pushes no longer, a place jumps."""
+        return self.may_be_a_spring and self.command.unit != "N*m"
 
     @property
     def tick_ns(self) -> int:
