@@ -470,3 +470,19 @@ def test_what_only_opening_the_device_would_tell_is_told_before(written: str, mi
     text = GOOD.replace('driver = "bota"\nport = "/dev/ttyUSB0"\naxis = "z"', written)
     (sentence,) = mistakes_in(text)
     assert sentence.startswith(f"r.toml: {mistake}")
+
+
+@pytest.mark.parametrize(
+    ("name", "rests", "a_place"),
+    [
+        ("sim-odrive", False, False),  # a motor is turned
+        ("sim-gravity", True, False),  # a torque against a weight
+        ("sim-series-elastic", True, True),
+        ("sim-pneumatic", True, True),  # each pressure has its place
+        ("sim-servo", True, True),
+        ("sim-mit-velocity", False, False),
+    ],
+)
+def test_whether_a_shaft_rests_under_its_command_and_where(name: str, rests: bool, a_place: bool) -> None:
+    rig = load_rig(RIGS / f"{name}.toml")
+    assert (rig.may_be_a_spring, rig.command_may_be_a_place) == (rests, a_place)
