@@ -42,7 +42,7 @@ SWING, SWINGS, SWING_S = 3.0, 8, 1.0
 BACK_S = 1.0
 BACK_LASTS_S = (1.0 + SLOWLY) * BACK_S
 # To the middle of commands that are not the same to both sides.
-LEAD_S = 0.5
+LEAD_S = 1.0
 # The first trial is not driven, for comparison; the first two driven ones show whether the trials converge.
 FIRST = (False, True, True)
 HALVINGS = 20
