@@ -60,6 +60,7 @@ bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/other_worlds.py --quick
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/source_map.py --seeds 1-5
+	$(BIN)/python benchmarks/in_situ.py --seeds 1
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/fuzz.py
