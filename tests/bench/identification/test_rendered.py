@@ -115,6 +115,7 @@ def test_zero_torque_explains_none_of_it() -> None:
     assert result.off_nm == pytest.approx(result.torque_nm, rel=0.01)
 
 
+@pytest.mark.long
 def test_the_stiffness_of_a_wall_is_measured_in_it() -> None:
     """A body that scipy's solver moves into it and out of it."""
     law = Admittance(5e-4, 2e-2, 0.5, wall_rad=0.01)
