@@ -97,7 +97,7 @@ def test_the_standard_session_keeps_to_the_limits():
     dry_run(session, rig)
 
 
-@pytest.mark.parametrize("name", ["blocked", "refine", "iterate_zero_torque", "in_situ"])
+@pytest.mark.parametrize("name", ["blocked", "refine", "iterate_zero_torque"])
 def test_what_moves_a_motor_refuses_a_servo(name):
     with pytest.raises(RigError, match=f"step '{name}' is for a motor, and the command of this actuator is a velocity"):
         dry_run(Session((Step(name, STEPS_OPTIONS[name]()),), "a session"), load_rig(RIG))
