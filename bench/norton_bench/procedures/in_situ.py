@@ -103,14 +103,14 @@ class Size:
         """Checked before."""
 
     def duration_s(self, rig: Rig) -> float:
-        return size_s(self.options, rig)
+        return _size_s(self.options, rig)
 
     def plan(self, known: Knowledge) -> Plan:
         rig, share = known.rig, FIRST_SHARE
         for _ in range(SIZES):
             command = _command(self.options, rig, share)
             if command[0]:
-                lead = _lead(rig, fastest_rad_s(self.options, rig))
+                lead = _lead(rig, _fastest_rad_s(self.options, rig))
                 measured = yield lead
                 if len(measured.ticks) < len(lead.command):
                     yield back(self.name, "rest", rig, measured, BACK_S)
@@ -120,7 +120,7 @@ class Size:
                 f"{SIZE}{share!r}",
                 Use.PREPARE,
                 command,
-                stop_at_velocity_rad_s=fastest_rad_s(self.options, rig),
+                stop_at_velocity_rad_s=_fastest_rad_s(self.options, rig),
             )
             yield back(self.name, "rest", rig, measured, BACK_S)
             used = self._used(measured, known)
@@ -136,8 +136,8 @@ class Size:
                 share = float(segment.name.removeprefix(SIZE)) if used < 1.0 else share
         if not share:
             raise ExperimentError(
-                f"in_situ: the smallest movement about the middle of the commands is faster than "
-                f"{fastest_rad_s(self.options, known.rig):.3g} rad/s, or goes too far; set a lower [actuator.command] "
+                "in_situ: the smallest movement about the middle of the commands is faster than "
+                f"{_fastest_rad_s(self.options, known.rig):.3g} rad/s, or goes too far; set a lower [actuator.command] "
                 "limit, or a greater amplitude of the step"
             )
         command = _command(self.options, known.rig, share)
@@ -153,12 +153,12 @@ class Size:
         return float(max(speed, way_rad / (TRAVEL_SHARE * travel_left_rad(known.records, known.rig))))
 
 
-def fastest_rad_s(options: InSituOptions, rig: Rig) -> float:
+def _fastest_rad_s(options: InSituOptions, rig: Rig) -> float:
     """The greatest speed that a movement may have."""
     return min(options.amplitude, VELOCITY_SHARE) * rig.limits.velocity_rad_s
 
 
-def size_s(options: InSituOptions, rig: Rig) -> float:
+def _size_s(options: InSituOptions, rig: Rig) -> float:
     """The greatest duration of the search for the movement; 0 where a model predicts it."""
     if rig.modelled and rig.servo is None:
         return 0.0
@@ -252,7 +252,7 @@ class InSituProcedure:
 
     def duration_s(self, rig: Rig) -> float:
         trial_s = _trial_s(len(_command(self.options, rig, 1.0)), rig)
-        return _shaking(self.options).duration_s(rig) + size_s(self.options, rig) + self.options.trials * trial_s
+        return _shaking(self.options).duration_s(rig) + _size_s(self.options, rig) + self.options.trials * trial_s
 
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ
@@ -320,7 +320,7 @@ def _planned(options: InSituOptions, assembly: Assembly, known: Knowledge) -> In
     for _ in range(HALVINGS):
         half = 0.5 * (low + high)
         _, velocity, _ = network.free_motion(_command(options, rig, half), rig.tick_s, longest_step_s=rig.tick_s)
-        low, high = (half, high) if np.max(np.abs(velocity)) <= fastest_rad_s(options, rig) else (low, half)
+        low, high = (half, high) if np.max(np.abs(velocity)) <= _fastest_rad_s(options, rig) else (low, half)
     return InSitu(assembly, _command(options, rig, low), _order(options))
 
 
