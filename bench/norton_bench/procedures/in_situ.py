@@ -146,10 +146,9 @@ class Size:
     def _used(self, measured: Measured, known: Knowledge) -> float:
         """The greater share of what is allowed of speed and of way."""
         position_rad = measured.ticks["position_rad"]
-        speed = np.nanmax(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0) / fastest_rad_s(
-            self.options, known.rig
-        )
+        velocity_rad_s = np.nanmax(np.abs(measured.ticks["velocity_rad_s"]), initial=0.0)
         way_rad = np.nanmax(np.abs(position_rad - position_rad[0]), initial=0.0)
+        speed = velocity_rad_s / _fastest_rad_s(self.options, known.rig)
         return float(max(speed, way_rad / (TRAVEL_SHARE * travel_left_rad(known.records, known.rig))))
 
 
