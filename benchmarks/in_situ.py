@@ -15,15 +15,16 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from source_map import LOOK_NS, Eyes
+from wide_family import RIGS, carried_out_by, changed
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, SafetyStopError
@@ -41,7 +42,6 @@ from norton_sim.backend import SimulatedBackend
 from norton_sim.plant import Plant
 from norton_sim.truth import read_truth
 
-RIGS = Path(__file__).parents[1] / "rigs"
 # An arm reaches to where it is told; all else follows a multisine. The load's damping is known where nothing tells it.
 STEPS: dict[str, dict[str, Any]] = {
     "sim-in-situ": {"viscous_damping_nms_rad": 3.16e-4},
@@ -52,8 +52,8 @@ STEPS: dict[str, dict[str, Any]] = {
     "sim-pneumatic": {},
     "sim-arm": {"hold_s": 0.5},
 }
-# The load's values as they stand in the rigs, and the factors between which they are drawn.
-LOAD = {("inertia", "1.2e-4", "kg*m^2"): (1.0, 8.0), ("coulomb_torque", "8", "mN*m"): (0.5, 2.0)}
+# The factors between which the load's values are drawn.
+LOAD = {"inertia": (1.0, 8.0), "coulomb_torque": (0.5, 2.0)}
 LAST = 3
 # The commands and the readings travel for a time that the source does not tell.
 DELAYS_S = np.arange(0.0, 4e-3, 1e-4)
@@ -76,33 +76,9 @@ class Outcome:
     error: str = ""
 
 
-@dataclass
-class Eyes:
-    """Looks at the true port torque once a tick."""
-
-    backend: SimulatedBackend
-    tick_ns: int
-
-    def __post_init__(self) -> None:
-        self.seen: list[tuple[int, float]] = []
-        world = self.backend.world
-        world.every(self.tick_ns, self._look, first_ns=world.now_ns + self.tick_ns)
-
-    def _look(self, now_ns: int) -> None:
-        self.seen.append((now_ns, self.backend.world.plant.true_port_torque_nm()))
-
-    def rms_nm(self, measured: Measured, tick_s: float) -> dict[int, float]:
-        """Of each trial, below 30 Hz, its mean included."""
-        time_ns, torque_nm = (np.array(each) for each in zip(*self.seen, strict=True))
-        found = {}
-        for segment in trial_segments(measured, IN_SITU):
-            part = slice(*np.searchsorted(time_ns, (segment.start_ns, segment.end_ns)))
-            found[number_of(segment)] = float(np.sqrt(np.mean(in_band(torque_nm[part], tick_s) ** 2)))
-        return found
-
-
-def one(name: str, seed: int) -> Outcome:
-    """The session of one seed; one that fails leaves its reason."""
+def one(task: tuple[str, int]) -> Outcome:
+    """The session of a rig and a seed; one that fails leaves its reason."""
+    name, seed = task
     try:
         return _one(replace(_rig(name, seed), candump=False), seed)
     except (ExperimentError, SafetyStopError) as error:
@@ -112,13 +88,14 @@ def one(name: str, seed: int) -> Outcome:
 def _rig(name: str, seed: int) -> Rig:
     """With another load in each session."""
     text, random = (RIGS / f"{name}.toml").read_text(encoding="utf-8"), np.random.default_rng(seed)
-    for (key, value, unit), (low, high) in LOAD.items():
-        line = f'{key} = "{value} {unit}"'
-        if text.count(line) != 1:
-            raise ValueError(f"{name}: there is not one line {line!r}")
+    for key, (low, high) in LOAD.items():
         factor = low * (high / low) ** random.uniform()
-        text = text.replace(line, f'{key} = "{float(value) * factor:.4g} {unit}"')
+        text = changed(text, "simulated.load", key, partial(_times, factor))
     return parse_rig(text, place=str(RIGS / f"{name}.toml"))
+
+
+def _times(factor: float, value: float) -> str:
+    return f"{factor * value:.4g}"
 
 
 def _one(rig: Rig, seed: int) -> Outcome:
@@ -128,7 +105,7 @@ def _one(rig: Rig, seed: int) -> Outcome:
     procedures = make_procedures([(step.do, step.options) for step in steps], rig, place="benchmark")
     backend = load_backend("simulated")(rig.wiring, rig.simulated, seed=seed, place=rig.place)
     assert isinstance(backend, SimulatedBackend)
-    eyes = Eyes(backend, rig.tick_ns)
+    eyes = Eyes(backend)
     with TemporaryDirectory() as folder:
         done = record_procedures(
             rig, Session(steps, "benchmark"), procedures, out=Path(folder), backend=backend, seed=seed
@@ -136,7 +113,7 @@ def _one(rig: Rig, seed: int) -> Outcome:
     result = in_situ_result(done.measured, rig.tick_s)
     if result is None or result.source is None:
         raise ExperimentError("no source was found")
-    true_nm = eyes.rms_nm(done.measured, rig.tick_s)
+    true_nm = rms_nm(eyes, done.measured)
     driven = [trial for trial in result.trials if trial.driven][-LAST:]
     left_nm = float(np.sqrt(np.mean([true_nm[trial.number] ** 2 for trial in driven])))
     source = result.source
@@ -153,6 +130,16 @@ def _one(rig: Rig, seed: int) -> Outcome:
         loaded_relative=off_relative(first.position_rad, true_rad, rig.tick_s),
         settled=result.converged,
     )
+
+
+def rms_nm(eyes: Eyes, measured: Measured) -> dict[int, float]:
+    """The true torque of each trial, below 30 Hz, its mean included."""
+    time_ns, torque_nm = (np.array(each) for each in zip(*eyes.seen, strict=True))
+    found = {}
+    for segment in trial_segments(measured, IN_SITU):
+        part = slice(*np.searchsorted(time_ns, (segment.start_ns, segment.end_ns)))
+        found[number_of(segment)] = float(np.sqrt(np.mean(in_band(torque_nm[part], LOOK_NS * 1e-9) ** 2)))
+    return found
 
 
 def off_relative(path_rad: FloatArray, true_rad: FloatArray, tick_s: float) -> float:
@@ -192,12 +179,8 @@ def main() -> None:
     first, _, last = options.seeds.partition("-")
     for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(threads, "1")
-    found: list[Outcome] = []
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        seeds = range(int(first), int(last or first) + 1)
-        for job in [pool.submit(one, name, seed) for name, seed in product(options.rigs, seeds)]:
-            found.append(job.result())
-            print(line_of(found[-1]), file=sys.stderr, flush=True)
+    tasks = product(options.rigs, range(int(first), int(last or first) + 1))
+    found = list(carried_out_by(one, tasks, options.jobs, line_of))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)
     else:

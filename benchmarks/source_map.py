@@ -13,14 +13,14 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import verdicts
+from wide_family import carried_out_by
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
@@ -161,12 +161,8 @@ def main() -> None:
     first, _, last = (options.seeds or (QUICK_SEED if options.quick else "1-20")).partition("-")
     for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(threads, "1")
-    found: list[Outcome] = []
-    # Fresh processes: what one session leaves behind in memory is not the next one's business.
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        for job in [pool.submit(one, options.rig, seed) for seed in range(int(first), int(last or first) + 1)]:
-            found.append(job.result())
-            print(progress_line(found[-1]), file=sys.stderr, flush=True)
+    seeds = range(int(first), int(last or first) + 1)
+    found = list(carried_out_by(partial(one, options.rig), seeds, options.jobs, progress_line))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)
     else:

@@ -16,11 +16,7 @@ from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
-from norton_bench.identification.trials import (
-    TrialReadings,
-    seen,
-    sent,
-)
+from norton_bench.identification.trials import TrialReadings, seen, sent
 from norton_bench.models.drawn_motor import drawn_values, has_covariance, possible
 from norton_bench.models.network import REQUIRED, NortonNetwork
 from norton_bench.models.network_file import read_term, term_as_json

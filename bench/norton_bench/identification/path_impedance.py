@@ -17,7 +17,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.assembly import Machine, Trial
-from norton_bench.identification.trials import in_band
+from norton_bench.identification.trials import in_band, low_pass
 from norton_bench.models.parameters import HALF_INTERVAL
 
 # Everything below, nothing above twice that: there the differences of motions are far above an encoder's counts.
@@ -50,11 +50,14 @@ class PathImpedance:
         return self.explained >= LINEAR
 
 
-def differing(load: Machine, trials: Sequence[Trial], tick_s: float) -> tuple[FloatArray, FloatArray]:
-    """The load's motion from where it rested [rad], and the actuator's torque in the taught band [N m], both
-    (trials, ticks), at the same instants."""
-    motions = np.stack([_from_rest(each, load, tick_s) for each in trials])
-    return motions, np.stack([in_band(each.torque_nm, tick_s) for each in trials])
+def motions_rad(load: Machine, trials: Sequence[Trial], tick_s: float) -> FloatArray:
+    """The load's motions from where it rested, (trials, ticks), at the instants of :func:`exerted_nm`."""
+    return np.stack([_from_rest(each, load, tick_s) for each in trials])
+
+
+def exerted_nm(trials: Sequence[Trial], tick_s: float) -> FloatArray:
+    """The actuator's torques in the taught band, (trials, ticks)."""
+    return np.stack([in_band(each.torque_nm, tick_s) for each in trials])
 
 
 def path_impedance(load: Machine, trials: Sequence[Trial], tick_s: float) -> PathImpedance | None:
@@ -64,37 +67,30 @@ def path_impedance(load: Machine, trials: Sequence[Trial], tick_s: float) -> Pat
     """
     if len(trials) < 2:
         return None
-    rows, torques = _differences(load, trials, tick_s)
+    motions, torques = motions_rad(load, trials, tick_s), _differences(exerted_nm(trials, tick_s), 0, tick_s)
+    rows = -np.stack([_differences(motions, order, tick_s) for order in (2, 1, 0)], axis=-1)
     power = float(np.sum(torques**2))
     if power == 0.0:
         return None
     values = _solved(rows, torques)
     left = float(np.sum((torques - rows @ values) ** 2))
-    variance = _jackknife(rows, torques) + _of_load(load, trials, tick_s)
+    variance = _jackknife(rows, torques) + _of_load(rows, load, trials, tick_s)
     half = HALF_INTERVAL * np.sqrt(variance)
     inertia, damping, stiffness = values.tolist()
     return PathImpedance((inertia, damping, stiffness), tuple(half.tolist()), 1.0 - left / power)
 
 
-def _differences(load: Machine, trials: Sequence[Trial], tick_s: float) -> tuple[FloatArray, FloatArray]:
-    """Of all trials from their mean: −ẍ, −ẋ and −x (trials, ticks, 3), and τ (trials, ticks).
+def _differences(values: FloatArray, order: int, tick_s: float) -> FloatArray:
+    """A derivative of how trials differ from their mean, (trials, ticks), below HIGHEST_HZ.
 
     Without the mean of each over the movement: where a shaft rested is known no better than friction held it there.
     """
-    motions, torques = differing(load, trials, tick_s)
-    ticks = motions.shape[1]
-    inner = slice(round(EDGE_S / tick_s), ticks - round(EDGE_S / tick_s))
+    ticks, edge = values.shape[1], round(EDGE_S / tick_s)
     size = 2 * ticks
-    hertz = np.fft.rfftfreq(size, tick_s)
-    band = 0.5 * (1.0 + np.cos(np.pi * np.clip(hertz / HIGHEST_HZ - 1.0, 0.0, 1.0)))
-
-    def derivative(values: FloatArray, order: int) -> FloatArray:
-        factors = band * (2j * np.pi * hertz) ** order
-        band_values = np.fft.irfft(factors * np.fft.rfft(values - values.mean(axis=0), size), size)[:, inner]
-        return np.asarray(band_values - band_values.mean(axis=1, keepdims=True))
-
-    rows = -np.stack([derivative(motions, order) for order in (2, 1, 0)], axis=-1)
-    return rows, derivative(torques, 0)
+    factors = low_pass(size, tick_s, HIGHEST_HZ) * (2j * np.pi * np.fft.rfftfreq(size, tick_s)) ** order
+    spectra = factors * np.fft.rfft(values - values.mean(axis=0), size)
+    inner = np.fft.irfft(spectra, size)[:, edge : ticks - edge]
+    return np.asarray(inner - inner.mean(axis=1, keepdims=True))
 
 
 def _solved(rows: FloatArray, torques: FloatArray) -> FloatArray:
@@ -112,11 +108,10 @@ def _jackknife(rows: FloatArray, torques: FloatArray) -> FloatArray:
     return np.asarray((PIECES - 1) / PIECES * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
 
 
-def _of_load(load: Machine, trials: Sequence[Trial], tick_s: float) -> FloatArray:
+def _of_load(rows: FloatArray, load: Machine, trials: Sequence[Trial], tick_s: float) -> FloatArray:
     """Variances, (3,), by those of the load's values; zero where these are not known."""
-    solved = [
-        _solved(*_differences(each, [trial.by(each, tick_s) for trial in trials], tick_s)) for each in load.drawn()
-    ]
+    drawn = [exerted_nm([trial.by(each, tick_s) for trial in trials], tick_s) for each in load.drawn()]
+    solved = [_solved(rows, _differences(torques, 0, tick_s)) for torques in drawn]
     return np.asarray(np.var(np.stack(solved), axis=0, ddof=1)) if solved else np.zeros(3)
 
 

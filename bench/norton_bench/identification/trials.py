@@ -95,7 +95,7 @@ def figures_of(number: int, torque_nm: FloatArray, noise_nm: float, tick_s: floa
     In the first trial the load is not driven.
     """
     band = in_band(torque_nm - np.mean(torque_nm), tick_s)
-    share = float(np.mean(_band(2 * len(band), tick_s) ** 2))
+    share = float(np.mean(low_pass(2 * len(band), tick_s) ** 2))
     chance = CHANCE * sqrt(2.0 / (share * len(band)))  # of a mean of so many independent squares
     band_noise_nm = sqrt(share) * noise_nm
     hidden_nm = band_noise_nm * sqrt(HIDDEN_SHARE + chance)
@@ -156,7 +156,13 @@ def diverge(found: Sequence[TrialFigures]) -> bool:
 def in_band(values: FloatArray, tick_s: float) -> FloatArray:
     """``values`` (ticks,) below TAUGHT_HZ, without any delay; zero before and after."""
     size = 2 * len(values)
-    return np.fft.irfft(np.fft.rfft(values, size) * _band(size, tick_s), size)[: len(values)]
+    return np.fft.irfft(np.fft.rfft(values, size) * low_pass(size, tick_s), size)[: len(values)]
+
+
+def low_pass(size: int, tick_s: float, highest_hz: float = TAUGHT_HZ) -> FloatArray:
+    """1 below ``highest_hz`` and 0 above twice that, at the frequencies of a real transform of ``size`` values."""
+    above = np.clip(np.fft.rfftfreq(size, tick_s) / highest_hz - 1.0, 0.0, 1.0)
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * above)))
 
 
 def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFigures:
@@ -165,12 +171,6 @@ def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFi
     if result.torque_nm is None:
         raise ExperimentError(f"{segment.name}: no torque was read")
     return figures_of(number_of(segment), result.torque_nm, result.torque_noise_nm, tick_s)
-
-
-def _band(size: int, tick_s: float) -> FloatArray:
-    """The low-pass at the frequencies of a real transform of ``size`` values."""
-    above = np.clip(np.fft.rfftfreq(size, tick_s) / TAUGHT_HZ - 1.0, 0.0, 1.0)
-    return np.asarray(0.5 * (1.0 + np.cos(np.pi * above)))
 
 
 def _position(table: Table, segment: SegmentInfo, at_s: FloatArray, what: str) -> FloatArray:

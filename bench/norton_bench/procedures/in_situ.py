@@ -159,7 +159,7 @@ def _fastest_rad_s(options: InSituOptions, rig: Rig) -> float:
 
 def _size_s(options: InSituOptions, rig: Rig) -> float:
     """The greatest duration of the search for the movement; 0 where a model predicts it."""
-    if rig.modelled and rig.servo is None:
+    if rig.is_motor:
         return 0.0
     return SIZES * (LEAD_S + len(_command(options, rig, 1.0)) * rig.tick_s + BACK_LASTS_S)
 
@@ -285,8 +285,8 @@ def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:
     assert state.assembly is not None
     load, actuator, tick_s = state.assembly.load, state.assembly.actuator, known.tick_s
     if actuator is None:
-        first, *others = zip(state.readings, state.trials, strict=True)
-        readings = [first[0], *(reading for reading, trial in others if trial.driven)]
+        both = zip(state.readings, state.trials, strict=True)
+        readings = [reading for reading, trial in both if trial.driven or trial.number == 1]
         no_faster_rad_s = VELOCITY_SHARE * known.rig.limits.velocity_rad_s
         return load_torque_towards_source(load, readings, no_faster_rad_s, tick_s)
     models = Models(actuator, load)

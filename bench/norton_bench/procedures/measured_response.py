@@ -22,7 +22,7 @@ from scipy.signal.windows import tukey
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import Machine, Trial
 from norton_bench.identification.in_situ import in_band_motion
-from norton_bench.identification.path_impedance import differing
+from norton_bench.identification.path_impedance import exerted_nm, motions_rad
 from norton_bench.identification.trials import in_band
 
 # The admittance is smoothed over this width: a resonance narrower than that is not followed.
@@ -42,7 +42,7 @@ def load_torque_towards_source(
     ``trials`` has at least one; the load was driven in all but the first. No motion faster than ``fastest_rad_s`` is
     aimed at.
     """
-    motions, torques = differing(load, trials, tick_s)
+    motions, torques = motions_rad(load, trials, tick_s), exerted_nm(trials, tick_s)
     seen, towards_source = _source(motions, torques, tick_s)
     motion = in_band_motion(seen, tick_s)
     step = in_band(towards_source, tick_s) * tukey(len(motion), min(2 * EDGE_S / (tick_s * len(motion)), 1.0))

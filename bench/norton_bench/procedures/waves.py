@@ -269,7 +269,7 @@ def back(procedure: str, name: str, rig: Rig, before: Measured, duration_s: floa
     At once for a motor, which then coasts; slowly otherwise: an actuator without a model may be a spring, a pendulum,
     or a positioner.
     """
-    if (rig.modelled and rig.servo is None) or not len(before.ticks):
+    if rig.is_motor or not len(before.ticks):
         return coasting(procedure, name, Use.PREPARE, hold(0.0, duration_s, rig.tick_s))
     last = before.ticks[-1]
     still = hold(0.0, duration_s, rig.tick_s)

@@ -91,6 +91,11 @@ class Rig:
         return self.servo is not None and self.servo.holds_position
 
     @property
+    def is_motor(self) -> bool:
+        """Whether the actuator is identified as a motor whose command pushes it."""
+        return self.modelled and self.servo is None
+
+    @property
     def may_be_a_spring(self) -> bool:
         """Whether the actuator may rest at a place under a command, rather than be turned by it."""
         return not self.modelled or self.holds_position

@@ -13,7 +13,7 @@ from norton_bench.identification.in_situ import Exerted, InSituResult, figures, 
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.in_situ import SIZE, InSituProcedure, Size
+from norton_bench.procedures.in_situ import SIZE, InSituProcedure, InSituTrial, Size
 from norton_bench.procedures.knowledge import Knowledge, carry_out
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
@@ -289,6 +289,26 @@ def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) ->
     size = Size(OPTIONS.model_copy(update={"amplitude": 1e-3}), state)
     with pytest.raises(ExperimentError, match=r"the smallest movement .* is faster than 0\.08 rad/s, or goes too far"):
         size.conclude(found.known, replace(record, segments=(moved,)))
+
+
+def test_a_movement_that_goes_too_far_is_refused_too(found: Found) -> None:
+    state, record = found.known.in_situ, found.known.records[-1]
+    assert state is not None
+    near = replace(RIG, limits=replace(RIG.limits, position_rad=1e-2))
+    moved = replace(record.segments[-1], name=f"{SIZE}0.05")
+    with pytest.raises(ExperimentError, match="or goes too far"):
+        Size(OPTIONS, state).conclude(replace(found.known, rig=near), replace(record, segments=(moved,)))
+
+
+def test_no_load_torque_is_sent_beyond_the_loads_limit(found: Found) -> None:
+    state = found.known.in_situ
+    assert state is not None
+    unfinished = replace(state, trials=state.trials[:2], readings=state.readings[:2], finished=False)
+    weak = replace(RIG, limits=replace(RIG.limits, load_torque_nm=0.02))
+    for rig, greatest_nm in ((RIG, 1.0), (weak, 0.02)):
+        trial = InSituProcedure(OPTIONS).following(replace(found.known, rig=rig, in_situ=unfinished)).procedure
+        assert isinstance(trial, InSituTrial)
+        assert 0.02 <= np.max(np.abs(trial.load_torque_nm)) <= greatest_nm
 
 
 @pytest.mark.long
