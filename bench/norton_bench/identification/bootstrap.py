@@ -39,7 +39,7 @@ from norton_bench.identification.simulated_bench import (
     even_grid,
     inertia_of,
 )
-from norton_bench.identification.statistics import LOOSE_BEYOND, std_of_next
+from norton_bench.identification.statistics import LOOSE_BEYOND, moderated_std_of_next
 from norton_bench.records import Measured, Table
 from norton_bench.segments import Use
 
@@ -108,8 +108,8 @@ class Scatter:
 
     @property
     def std(self) -> FloatArray:
-        """Of one fit, (p,), as wide as few draws make it."""
-        return std_of_next(self.drawn)
+        """Of one fit, (p,), as wide as few draws make it; what such fits state of themselves helps out."""
+        return moderated_std_of_next(self.drawn, self.stated_std)
 
     @property
     def bias_std(self) -> FloatArray:

@@ -13,6 +13,8 @@ from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
 LOOSE_BEYOND = 0.5
 NORMAL_95 = 1.96  # deviations
 BLOCKS_S = (0.1, 0.5, 2.0)
+# Degrees of freedom of a deviation of which as good as nothing, and as good as all, is known.
+LEAST_FREEDOM, CERTAIN_FREEDOM = 1e-2, 1e6
 # A column shorter than this says nothing, and its square is no number.
 NOTHING = 1e-100
 # A direction of the columns that a part excites less than this, of what it excites most, it does not excite.
@@ -22,6 +24,49 @@ WORTH_A_COLUMN = 1e-6
 def std_of_next(draws: FloatArray) -> FloatArray:
     """Of one more, (p,), from a few ``draws`` (n, p), as wide as so few make it: with it 1.96 deviations hold 95 %."""
     return reach_of_next(draws, 0.975) / NORMAL_95
+
+
+def moderated_std_of_next(draws: FloatArray, stated_std: FloatArray) -> FloatArray:
+    """The same for parameters whose deviations are ``stated_std`` (p,) beforehand, though not for certain.
+
+    The scatter of few draws says little of a deviation, and what is stated may leave out a part of it. How far the two
+    differ over all parameters, beyond what chance does, tells how many draws what is stated is worth: variances are
+    moderated by empirical Bayes (Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3:3, section 3; here with a prior variance
+    that is given for each parameter, so that only its degrees of freedom are estimated).
+    """
+    count = len(draws)
+    freedom, variance = count - 1, np.var(draws, axis=0, ddof=1)
+    prior = _prior_freedom(variance / stated_std**2, freedom)
+    weight = 1.0 / (1.0 + freedom / prior)  # of what is stated: 1 where the prior is certain
+    moderated = weight * stated_std**2 + (1.0 - weight) * variance
+    inflation = t_quantile(0.975, freedom + prior) / NORMAL_95
+    return np.asarray(inflation * np.sqrt(moderated * (1.0 + 1.0 / count)))
+
+
+def _prior_freedom(ratios: FloatArray, freedom: int) -> float:
+    """Of the deviations that are stated, from variances over what was stated, (p,), each with its own ``freedom``.
+
+    Both variances are those of chi-squared variables, whose logarithms have known moments: their mean square is that of
+    the ratios. As good as certain where chance alone makes ratios differ as much.
+    """
+    mean_square = float(np.mean((np.log(np.maximum(ratios, NOTHING)) - _mean_log(freedom)) ** 2))
+
+    def excess(prior: float) -> float:
+        spread = scipy.special.polygamma(1, freedom / 2.0) + scipy.special.polygamma(1, prior / 2.0)
+        return float(spread + _mean_log(prior) ** 2) - mean_square
+
+    if excess(CERTAIN_FREEDOM) >= 0.0:
+        return CERTAIN_FREEDOM
+    return (
+        LEAST_FREEDOM
+        if excess(LEAST_FREEDOM) <= 0.0
+        else float(scipy.optimize.brentq(excess, LEAST_FREEDOM, CERTAIN_FREEDOM))
+    )
+
+
+def _mean_log(freedom: float) -> float:
+    """Of a variance with so many degrees of freedom, over its true value."""
+    return float(scipy.special.digamma(freedom / 2.0) - np.log(freedom / 2.0))
 
 
 def reach_of_next(draws: FloatArray, level: float) -> FloatArray:

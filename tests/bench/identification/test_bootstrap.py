@@ -15,7 +15,7 @@ from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
 from norton_bench.identification.simulated_bench import EvenSpline
-from norton_bench.identification.statistics import NORMAL_95
+from norton_bench.identification.statistics import moderated_std_of_next
 from norton_bench.models.parameters import Status
 from norton_bench.segments import Use
 from tests.bench.identification import synthetic
@@ -201,10 +201,9 @@ def test_a_bias_is_taken_off_and_what_simulation_does_not_explain_is_added() -> 
     scatter = Scatter(draws, put_in=np.array([1.0, 10.0]), stated_std=np.array([0.05, 0.1]), left=np.ones(len(draws)))
     values, covariance = scatter.applied(np.array([1.0, 10.0]), np.diag([0.05**2, 0.5**2]))
     assert values == pytest.approx([0.8, 10.0])
-    few = 3.182446 / NORMAL_95 * np.sqrt(1.25)  # Student's 97.5 % of 3 degrees of freedom
-    first = (few * np.std(draws[:, 0], ddof=1)) ** 2 + 0.2**2 / 3
-    second = (few * np.std(draws[:, 1], ddof=1)) ** 2 + 0.5**2 - 0.1**2
-    assert np.diag(covariance) == pytest.approx([first, second], rel=1e-5)
+    first, second = moderated_std_of_next(draws, scatter.stated_std)
+    expected = [first**2 + 0.2**2 / 3, second**2 + 0.5**2 - 0.1**2]
+    assert np.diag(covariance) == pytest.approx(expected)
 
 
 def test_a_bias_as_large_as_the_value_is_not_taken_off_but_leaves_nothing_known() -> None:
