@@ -20,7 +20,7 @@ from math import inf, isnan, log, nan, pi, sqrt
 import numpy as np
 
 from norton_bench.arrays import ComplexArray, FloatArray
-from norton_bench.control.admittance import FeedForward, Reference, VirtualBody, followed
+from norton_bench.control.admittance import FeedForward, Reference, VirtualBody, between, followed
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.design import (
     Tracking,
@@ -55,6 +55,8 @@ COARSE_STEPS = 10
 HEAVIER, HELD = 1.4, 50.0
 # A contact that sticks is a spring up to this torque [N m]: as good as always.
 NEVER_SLIDES_NM = 1e4
+# From one law to another, those at these shares of the way are looked at, too.
+ON_THE_WAY = (0.25, 0.5, 0.75)
 BODY, PATH, FEED = 2, 3, 2  # what the running law remembers beside its shares
 
 
@@ -137,6 +139,21 @@ def require_rendered(calibration: LoadCalibration, tick_s: float, law: Admittanc
         f"{result.oscillates_hz:.2g} Hz and not come to rest"
         + (f"; {_nearest(calibration, tick_s, law)}" if offers else "")
     )
+
+
+def require_change(calibration: LoadCalibration, tick_s: float, before: Admittance, after: Admittance) -> None:
+    """Raises ExperimentError where a body that goes from one law to the other would go by one that cannot be rendered.
+
+    Nothing is on the way where no body goes on: at zero torque, or where a wall comes, goes or moves.
+    """
+    if not (before.has_body and after.has_body and before.wall_rad == after.wall_rad):
+        return
+    for law in (between(before, after, share) for share in ON_THE_WAY):
+        try:
+            require_rendered(calibration, tick_s, law, offers=False)
+        except ExperimentError as error:
+            way = f"on the way from {before.words} to {after.words}"
+            raise ExperimentError(f"{way}: {error}; go there by another law") from None
 
 
 def body_control(

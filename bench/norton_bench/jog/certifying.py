@@ -9,9 +9,6 @@ from norton_bench.segments import Admittance
 if TYPE_CHECKING:
     from norton_bench.control.calibration import LoadCalibration
 
-# From one body to another, the laws at these shares of the way are looked at, too.
-ON_THE_WAY = (0.25, 0.5, 0.75)
-
 
 class Certifying:
     """Whether the bench can render ``law``, found out beside the session: that may take seconds.
@@ -31,18 +28,17 @@ class Certifying:
         return not self._thread.is_alive()
 
     def _certify(self, calibration: "LoadCalibration", tick_s: float, before: Admittance | None) -> None:
-        from norton_bench.control.admittance import between  # noqa: PLC0415  (compiled: slow to import)
-        from norton_bench.control.rendering import require_rendered  # noqa: PLC0415
+        from norton_bench.control.rendering import (  # noqa: PLC0415  (compiled: slow to import)
+            require_change,
+            require_rendered,
+        )
 
-        where = ""
         try:
             certificate = require_rendered(calibration, tick_s, self.law).words
-            on_the_way = () if before is None else tuple(between(before, self.law, share) for share in ON_THE_WAY)
-            where = "" if before is None else f"on the way from {before.words} to {self.law.words}: "
-            for law in on_the_way:
-                require_rendered(calibration, tick_s, law, offers=False)
+            if before is not None:
+                require_change(calibration, tick_s, before, self.law)
         except ExperimentError as error:
-            self.refusal = f"{where}{error}"
+            self.refusal = str(error)
         except Exception as error:  # beside the session nobody else would tell
             self.refusal += f" ({error!r})"
         else:

@@ -38,7 +38,7 @@ def _velocities(given: object, info: ValidationInfo) -> object:
     return parse_range(given, "rad/s")
 
 
-def _texts(written: object) -> object:
+def _listed(written: object) -> object:
     return tuple(written) if isinstance(written, list) else written
 
 
@@ -50,7 +50,7 @@ Damping = Annotated[float, _quantity("N*m*s/rad")]
 Inertia = Annotated[float, _quantity("kg*m^2")]
 Stiffness = Annotated[float, _quantity("N*m/rad")]
 Fraction = Annotated[float, _quantity("")]
-Texts = BeforeValidator(_texts)
+Listed = BeforeValidator(_listed)
 
 
 class Options(BaseModel):
@@ -91,7 +91,7 @@ class BlockedOptions(Options):
 
     levels: int = Field(5, ge=2, le=MOST_LEVELS, examples=[5])
     hold_s: Seconds = Field(0.5, alias="hold", ge=0.1, examples=["500 ms"])
-    histories: Annotated[tuple[History, ...], Texts] = Field(
+    histories: Annotated[tuple[History, ...], Listed] = Field(
         ("slow",), min_length=1, examples=[["slow", "fast", "rest"]]
     )
 
@@ -129,23 +129,20 @@ class IterateOptions(Options):
     seed: int = Field(5, ge=0, examples=[5])
 
 
-class RenderOptions(Options):
-    """A virtual body at the port: M dv/dt + B v + K (x − x_ref) = τ_port, from where the shaft stands.
+class LawOptions(Options):
+    """A law of the port for so long: M dv/dt + B v + K (x − x_ref) = τ_port.
 
-    All three zero is zero torque. ``wall_rad``: the spring begins at this angle, and acts on that side alone. The
-    actuator's command is a multisine up to ``highest_hz`` that fills the share ``amplitude`` of the free command span.
+    All three zero is zero torque. ``wall_rad``: the spring begins at this angle, and acts on that side alone.
     """
 
     mass_kgm2: Inertia = Field(0.0, alias="mass", ge=0, examples=["0 kg*m^2"])
     damping_nms_rad: Damping = Field(0.0, alias="damping", ge=0, examples=["0 N*m*s/rad"])
     stiffness_nm_rad: Stiffness = Field(0.0, alias="stiffness", ge=0, examples=["2 N*m/rad"])
     wall_rad: Radians | None = Field(None, alias="wall", examples=["0.1 rad"])
-    amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
     duration_s: Seconds = Field(8.0, alias="duration", ge=3, examples=["8 s"])
-    highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
 
     @model_validator(mode="after")
-    def _is_a_law(self) -> "RenderOptions":
+    def _is_a_law(self) -> "LawOptions":
         if self.law.shortcoming:
             raise ValueError(self.law.shortcoming)
         return self
@@ -153,6 +150,23 @@ class RenderOptions(Options):
     @property
     def law(self) -> Admittance:
         return Admittance.of((self.mass_kgm2, self.damping_nms_rad, self.stiffness_nm_rad), self.wall_rad)
+
+
+class RenderOptions(LawOptions):
+    """A virtual body at the port, from where the shaft stands; then others, without letting go of the shaft.
+
+    The actuator's command is a multisine up to ``highest_hz`` that fills the share ``amplitude`` of the free command
+    span. ``then``: laws that follow, each in a straight line within half a second from the one before.
+    """
+
+    amplitude: Fraction = Field(1.0, gt=0, le=1, examples=["100 %"])
+    highest_hz: Hertz = Field(10.0, alias="highest", gt=0.2, le=20, examples=["10 Hz"])
+    then: Annotated[tuple[LawOptions, ...], Listed] = Field((), examples=[[{"stiffness": "2 N*m/rad"}]])
+
+    @property
+    def laws(self) -> tuple[LawOptions, ...]:
+        """All of them, in turn."""
+        return (self, *self.then)
 
 
 class InSituOptions(Options):

@@ -158,13 +158,15 @@ class Mistakes:
     def _add_details(
         self, details: ErrorDetails, model: type[BaseModel], table: object, where: str, also_known: Iterable[str]
     ) -> None:
-        path = [str(step) for step in details["loc"] if step != "[key]"]
-        tables, key = path[:-1], path[-1] if path else ""
-        inner = _model_at(model, tables)
-        section = ".".join(filter(None, [where, *tables]))
+        path = [step for step in details["loc"] if step != "[key]"]
+        names = [step for step in path if isinstance(step, str)]
+        key = names[-1] if names and path[-1] == names[-1] else ""
+        inner = _model_at(model, names[:-1] if key else names)
         written = _dig(table, path)
+        *tables, last = _counted(path) or [""]
+        section = ".".join(filter(None, [where, *tables]))
         text = sentence(details, inner, key, written, () if tables else also_known)
-        self.add(" ".join(filter(None, [section and f"[{section}]", key])), text)
+        self.add(" ".join(filter(None, [section and f"[{section}]", last])), text)
 
 
 def sentence(
@@ -238,7 +240,21 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
     return next(filter(None, map(_model_in, get_args(annotation))), None)
 
 
-def _dig(table: object, path: list[str]) -> object:
+def _dig(table: object, path: list[str | int]) -> object:
     for step in path:
-        table = table.get(step) if isinstance(table, dict) else table
+        if isinstance(step, int):
+            table = table[step] if isinstance(table, list) else table
+        else:
+            table = table.get(step) if isinstance(table, dict) else table
     return table
+
+
+def _counted(path: list[str | int]) -> list[str]:
+    """The steps of a path as a user counts them: one of a list is named after the list, from 1 on."""
+    steps: list[str] = []
+    for step in path:
+        if isinstance(step, int) and steps:
+            steps[-1] += f" {step + 1}"
+        else:
+            steps.append(str(step))
+    return steps

@@ -19,7 +19,7 @@ from norton_bench.models.parameter_result import (
     parameter_result,
 )
 from norton_bench.models.parameters import BY_NAME, Status
-from norton_bench.procedures.options import STEPS, Options, Texts
+from norton_bench.procedures.options import STEPS, Listed, Options
 from norton_bench.result import Result
 from norton_bench.rig.rig import Rig
 from norton_bench.session.script import SoFar
@@ -139,7 +139,7 @@ class AskOptions(Options):
 
     name: str = Field(pattern=r"^[\w.-]+$", examples=["fixture"])
     text: str = Field(min_length=1, examples=["Which fixture is mounted?"])
-    choices: Annotated[tuple[str, ...], Texts] = Field((), examples=[["A", "B"]])
+    choices: Annotated[tuple[str, ...], Listed] = Field((), examples=[["A", "B"]])
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,14 @@ import pytest
 
 from norton_bench.cli import app
 from norton_bench.errors import ExitCode, ExperimentError, RigError
+from norton_bench.identification.rendered import law_of
 from norton_bench.procedures.knowledge import Knowledge, Reducing, only_rendered
 from norton_bench.procedures.modulated import modulated
-from norton_bench.procedures.options import RenderOptions
-from norton_bench.procedures.render import RenderProcedure
+from norton_bench.procedures.options import LawOptions, RenderOptions
+from norton_bench.procedures.render import REST_S, RenderProcedure
 from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
-from norton_bench.segments import ZERO_TORQUE, Admittance, LoadMode, Segment, Use
+from norton_bench.segments import GLIDE_S, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
 from norton_bench.session.conclusion import conclude_recording
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import load_session
@@ -63,6 +64,46 @@ def test_the_port_has_the_law_that_was_asked_for(result: Result) -> None:
         assert each.left_nm <= each.off_nm < 0.4 * each.torque_nm
     assert nothing.asked == ZERO_TORQUE
     assert nothing.torque_nm < 0.1 * viscous.torque_nm
+
+
+@pytest.mark.long
+def test_from_one_law_to_the_next_the_shaft_is_not_let_go_of(result: Result) -> None:
+    """The load turns on at the velocity at which it turned, and acts a spring from where it stood."""
+    assert result.measured is not None
+    before, change, after = [each for each in result.measured.segments if each.procedure == "render"][:3]
+    laws = law_of(before), law_of(change), law_of(after)
+    assert laws == (Admittance(5e-4, 2e-2), None, Admittance(5e-4, 2e-2, 0.5))
+    assert change.start_ns - before.end_ns < 2e6
+    assert after.start_ns - change.end_ns < 2e6
+    places = [result.measured.between(each.start_ns, each.end_ns).ticks for each in (before, change, after)]
+    before_rad, change_rad, after_rad = (each["reference_position_rad"] for each in places)
+    assert np.ptp(before_rad) == np.ptp(np.concatenate([change_rad, after_rad])) == 0.0
+    assert change_rad[0] != before_rad[0]
+    wishes = np.concatenate([each["wished_load_torque_nm"] for each in places])
+    at = len(places[0])
+    usual_nm = np.quantile(np.abs(np.diff(wishes[at - 300 : at])), 0.95)
+    assert np.max(np.abs(np.diff(wishes[at - 1 : at + 5]))) < 2.0 * usual_nm
+
+
+def test_laws_on_the_way_to_another_must_be_ones_that_the_bench_can_render() -> None:
+    """Both ends can be rendered; a body half as heavy as the last, damped half as much, swings on a contact."""
+    known = Knowledge(load_rig(RIGS / "sim-odrive.toml"), calibration=calibrated(PlantSettings()))
+    heavy, between = LawOptions(mass_kgm2=1e-2, damping_nms_rad=0.3), LawOptions(mass_kgm2=2e-4, damping_nms_rad=0.3)
+
+    def certificates(*then: LawOptions) -> tuple[str, ...]:
+        options = RenderOptions(mass_kgm2=2e-4, damping_nms_rad=5e-3, then=then)
+        return RenderProcedure(options).reductions(known)
+
+    assert len(certificates(between, heavy)) == 3
+    with pytest.raises(ExperimentError, match=r"^on the way from .* to 0\.01 kg\*m\^2 .* go there by another law$"):
+        certificates(heavy)
+
+
+def test_laws_that_follow_one_another_take_their_time() -> None:
+    alone, rig = RenderOptions(duration_s=4.0), load_rig(RIGS / "sim-odrive.toml")
+    three = RenderOptions(duration_s=4.0, then=(LawOptions(duration_s=5.0), LawOptions(duration_s=6.0)))
+    durations_s = [RenderProcedure(each).duration_s(rig) for each in (alone, three)]
+    assert durations_s[1] - durations_s[0] == pytest.approx(5.0 + 6.0 + 4 * REST_S + 2 * GLIDE_S)
 
 
 @pytest.mark.long
@@ -129,6 +170,6 @@ def test_under_a_modulation_the_certificate_is_the_same() -> None:
 
 
 def test_the_law_is_read_with_its_units() -> None:
-    step = load_session(SESSION).steps[4]
-    assert step.options.law == Admittance(5e-4, 2e-2, 0.5)
+    laws = [each.law for each in load_session(SESSION).steps[3].options.laws]
+    assert laws == [Admittance(5e-4, 2e-2), Admittance(5e-4, 2e-2, 0.5)]
     assert RenderOptions().law == ZERO_TORQUE
