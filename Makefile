@@ -61,6 +61,7 @@ bench: $(READY)  ## print the benchmarks' figures
 	$(BIN)/python benchmarks/zero_torque.py
 	$(BIN)/python benchmarks/source_map.py --seeds 1-5
 	$(BIN)/python benchmarks/in_situ.py --seeds 1
+	$(BIN)/python benchmarks/stiffness_along.py --seeds 1-2
 	$(BIN)/python benchmarks/simulation_speed.py
 	$(BIN)/python benchmarks/recording.py
 	$(BIN)/python benchmarks/fuzz.py

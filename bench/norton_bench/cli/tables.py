@@ -1,15 +1,18 @@
 """Results of steps that few sessions have, as JSON and for a terminal: tables, repeated movements, a refinement."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
 from norton_bench.cli.output import plain_table
 from norton_bench.identification.averages import Branch, Mean, Setting
 from norton_bench.identification.exertion_table import ExertionTable, Shaken
+from norton_bench.identification.impedance_along import ImpedanceAlong
 from norton_bench.identification.in_situ import InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces, modulated
 from norton_bench.identification.path_impedance import PathImpedance
@@ -202,6 +205,7 @@ def in_situ_figures(result: InSituResult, source: Path | None) -> dict[str, Any]
         "source": source,
         "source_scatter_rad_s": scatter,
         "impedance": None if result.impedance is None else _impedance(result.impedance),
+        "impedance_along": None if result.along is None else _impedance_along(result.along),
     }
 
 
@@ -213,6 +217,11 @@ def _impedance(about: PathImpedance) -> dict[str, Any]:
         "explained": about.explained,
         "linear": about.linear,
     }
+
+
+def _impedance_along(along: ImpedanceAlong) -> dict[str, Any]:
+    values = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(along).items()}
+    return {**values, "linear": along.linear}
 
 
 def until_figures(refined: Refinement, fit: FitResult, bench_time_s: float) -> dict[str, Any]:

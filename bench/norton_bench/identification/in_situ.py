@@ -10,6 +10,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import LoadTaken, Trial, load_taken
+from norton_bench.identification.impedance_along import ImpedanceAlong, impedance_along
 from norton_bench.identification.path_impedance import PathImpedance, path_impedance
 from norton_bench.identification.trials import (
     TrialFigures,
@@ -25,6 +26,8 @@ from norton_bench.records import Measured, SegmentInfo
 
 # What its steps, and the segments of its trials, are called.
 IN_SITU = "in_situ"
+# How the segments of trials are called that were pushed off the path; their number follows.
+PUSHED = "pushed "
 # The source is the mean of so many last driven trials.
 AVERAGED = 3
 
@@ -76,7 +79,8 @@ class SourceMotion:
 class InSituResult:
     """``assembly`` says in sentences what the load was taken for, ``reasons`` why it did not converge.
 
-    ``impedance`` is that about the source's path, None where the trials do not tell one.
+    ``impedance`` is that about the source's path, None where the trials do not tell one; ``along`` that along it,
+    where trials were pushed off it.
     """
 
     trials: tuple[TrialFigures, ...]
@@ -84,6 +88,7 @@ class InSituResult:
     assembly: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     impedance: PathImpedance | None = None
+    along: ImpedanceAlong | None = None
 
     @property
     def converged(self) -> bool:
@@ -98,11 +103,14 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
     load = load_taken(measured.events)
     if load is None:
         return None
-    segments = trial_segments(measured, IN_SITU)
-    whole = [each for each in segments if round((each.end_ns - each.start_ns) * 1e-9 / tick_s) >= load.ticks]
+
+    def readings_of(segments: Sequence[SegmentInfo]) -> list[Trial]:
+        return [Trial.of(measured, each, load, tick_s) for each in segments]
+
+    whole = _whole(trial_segments(measured, IN_SITU), load, tick_s)
     if not whole:
         return None
-    readings = [Trial.of(measured, each, load, tick_s) for each in whole]
+    readings, pushed = readings_of(whole), readings_of(_whole(pushed_segments(measured), load, tick_s))
     trials = [
         Exerted.of(number_of(segment), _driven(measured, segment, load, tick_s), reading, load, tick_s)
         for segment, reading in zip(whole, readings, strict=True)
@@ -113,8 +121,30 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
         source_motion(trials, command, tick_s),
         load.said,
         why_not_settled(result),
-        path_impedance(load.machine, readings, tick_s),
+        path_impedance(load.machine, [*readings, *pushed], tick_s),
+        impedance_along(load.machine, [*_last_driven(trials, readings), *pushed], tick_s) if pushed else None,
     )
+
+
+def pushed_segments(measured: Measured) -> list[SegmentInfo]:
+    """The segments of the trials that were pushed off the path, of the last movement."""
+    first_ns = min((each.start_ns for each in trial_segments(measured, IN_SITU)), default=0)
+    return [
+        each
+        for each in measured.segments
+        if each.procedure == IN_SITU and each.name.startswith(PUSHED) and each.start_ns > first_ns
+    ]
+
+
+def _whole(segments: Sequence[SegmentInfo], load: LoadTaken, tick_s: float) -> list[SegmentInfo]:
+    """Those that came to their end."""
+    return [each for each in segments if round((each.end_ns - each.start_ns) * 1e-9 / tick_s) >= load.ticks]
+
+
+def _last_driven(trials: Sequence[Exerted], readings: Sequence[Trial]) -> list[Trial]:
+    """The trials that the source is the mean of: they were about its path."""
+    driven = [reading for trial, reading in zip(trials, readings, strict=True) if trial.driven]
+    return driven[-AVERAGED:]
 
 
 def _driven(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> bool:

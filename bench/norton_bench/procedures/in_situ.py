@@ -18,7 +18,16 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.assembly import Trial
-from norton_bench.identification.in_situ import EXPLAINED, IN_SITU, Exerted, converged, figures, why_not_settled
+from norton_bench.identification.in_situ import (
+    EXPLAINED,
+    IN_SITU,
+    PUSHED,
+    Exerted,
+    converged,
+    figures,
+    pushed_segments,
+    why_not_settled,
+)
 from norton_bench.identification.trials import TRIAL, diverge, trial_segments
 from norton_bench.procedures.assembly import assembly_of
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -27,6 +36,7 @@ from norton_bench.procedures.knowledge import VELOCITY_SHARE, Decision, Knowledg
 from norton_bench.procedures.learning import Assembly, InSitu, Models, correction, next_load_torque
 from norton_bench.procedures.measured_response import load_torque_towards_source
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions
+from norton_bench.procedures.pushes import best_of, push_nm
 from norton_bench.procedures.tare import greatest_load_torque
 from norton_bench.procedures.waves import SLOWLY, back, coasting, hold, multisine, pushed, ramp, staircase
 from norton_bench.records import LOAD_TAKEN, Measured
@@ -172,12 +182,14 @@ def _lead(rig: Rig, fastest_rad_s: float) -> Segment:
 
 @dataclass(frozen=True, eq=False)
 class InSituTrial:
-    """One trial; ``load_torque_nm`` (ticks,) is zero where the load is left alone."""
+    """One trial; ``load_torque_nm`` (ticks,) is zero where the load is left alone. With ``is_pushed`` it is one that is
+    pushed off the path."""
 
     number: int
     driven: bool
     load_torque_nm: FloatArray
     state: InSitu
+    is_pushed: bool = False
     name: ClassVar[str] = Shake.name
 
     def require(self, rig: Rig) -> None:
@@ -194,9 +206,8 @@ class InSituTrial:
         past_nm = np.clip(self._same_past_nm(tick_s), -greatest_nm, greatest_nm)
         yield pushed(self.name, "same past", Use.PREPARE, past_nm, np.full(len(past_nm), middle))
         yield coasting(self.name, "settle", Use.PREPARE, hold(middle, REST_S, tick_s))
-        measured = yield pushed(
-            self.name, f"{TRIAL}{self.number}", Use.PREPARE, self.load_torque_nm, self.state.command
-        )
+        name = f"{PUSHED if self.is_pushed else TRIAL}{self.number}"
+        measured = yield pushed(self.name, name, Use.PREPARE, self.load_torque_nm, self.state.command)
         if middle:
             yield back(self.name, "rest", known.rig, measured, BACK_S)
 
@@ -218,8 +229,10 @@ class InSituTrial:
 
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         before = self.state
-        segment = trial_segments(measured, self.name)[-1]
-        trial = Trial.of(measured, segment, before.load, known.tick_s)
+        segments = pushed_segments(measured) if self.is_pushed else trial_segments(measured, self.name)
+        trial = Trial.of(measured, segments[-1], before.load, known.tick_s)
+        if self.is_pushed:
+            return replace(known, in_situ=replace(before, pushed=(*before.pushed, trial)))
         exerted = Exerted.of(self.number, self.driven, trial, before.load, known.tick_s)
         after = replace(before, trials=(*before.trials, exerted), readings=(*before.readings, trial))
         return replace(known, in_situ=after)
@@ -227,7 +240,8 @@ class InSituTrial:
 
 @dataclass(frozen=True)
 class InSituProcedure:
-    """Shakes once, then repeats trials until only the scatter of movements is left, or until trials do not help."""
+    """Shakes once, then repeats trials until only the scatter of movements is left, or until trials do not help; then,
+    if asked for, trials that are pushed off the path."""
 
     options: InSituOptions = field(default_factory=InSituOptions)
     name: ClassVar[str] = Shake.name
@@ -251,7 +265,8 @@ class InSituProcedure:
 
     def duration_s(self, rig: Rig) -> float:
         trial_s = _trial_s(len(_command(self.options, rig, 1.0)), rig)
-        return _shaking(self.options).duration_s(rig) + _size_s(self.options, rig) + self.options.trials * trial_s
+        trials = self.options.trials + self.options.pushes
+        return _shaking(self.options).duration_s(rig) + _size_s(self.options, rig) + trials * trial_s
 
     def following(self, known: Knowledge) -> Decision:
         state = known.in_situ
@@ -263,9 +278,11 @@ class InSituProcedure:
                 known, Size(self.options, state), "the greatest movement that is not too fast is looked for"
             )
         trials = figures(state.trials)
-        if converged(trials) or diverge(trials) or len(trials) >= self.options.trials:
-            return _done(known, state)
-        return _next(known, state)
+        if not (converged(trials) or diverge(trials) or len(trials) >= self.options.trials):
+            return _next(known, state)
+        if len(state.pushed) < self.options.pushes:
+            return _push(known, state)
+        return _done(known, state)
 
 
 def _next(known: Knowledge, state: InSitu) -> Decision:
@@ -278,6 +295,14 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     how = "with the load driven" if driven else "with the load not driven"
     before = in_words(state) if state.trials else "; ".join(state.assembly.said)
     return Decision(known, InSituTrial(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
+
+
+def _push(known: Knowledge, state: InSitu) -> Decision:
+    number, greatest_nm = len(state.pushed) + 1, greatest_load_torque(known.rig)
+    push = push_nm(number, state.load.machine, state.readings, greatest_nm, REST_S, known.rig)
+    load_torque_nm = best_of(state.readings).load_torque_nm + push
+    sentence = f"push {number}: off the path with up to {np.max(np.abs(push)):.2g} N*m"
+    return Decision(known, InSituTrial(number, True, load_torque_nm, state, is_pushed=True), sentence)
 
 
 def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:

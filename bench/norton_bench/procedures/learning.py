@@ -119,7 +119,8 @@ class Assembly:
 class InSitu:
     """The state of an in-situ experiment. ``order`` has for every trial, past and future, whether it is driven.
 
-    ``sized`` is False as long as the greatest ``command`` that is not too fast is unknown.
+    ``sized`` is False as long as the greatest ``command`` that is not too fast is unknown. ``pushed`` are the trials
+    that were pushed off the path after it was found.
     """
 
     assembly: Assembly | None = None
@@ -128,6 +129,7 @@ class InSitu:
     sized: bool = True
     trials: tuple[Exerted, ...] = ()
     readings: tuple[Trial, ...] = ()
+    pushed: tuple[Trial, ...] = ()
     finished: bool = False
 
     @property

@@ -16,6 +16,7 @@ from norton_bench.units import MOST_IN_RANGE, parse_quantity, parse_range
 
 History = Literal["slow", "fast", "rest"]
 MOST_LEVELS = MOST_IN_RANGE  # as many as can be written as a range
+LEAST_PUSHES = 4  # trials that are pushed off a path: fewer tell no deviations of what they tell
 
 
 def _quantity(unit: str) -> BeforeValidator:
@@ -177,7 +178,8 @@ class InSituOptions(Options):
     ``viscous_damping_nms_rad`` and ``inertia_kgm2`` of the load are given where they are known, else None; both in
     newton metres of the load drive. ``amplitude`` is the greatest velocity as a share of the rig's limit: of the
     predicted motion source, or, where there is no model, of the loaded actuator. With ``hold_s`` the command stays at
-    random levels for so long each, for an actuator that reaches by itself; else it is a multisine.
+    random levels for so long each, for an actuator that reaches by itself; else it is a multisine. ``pushes`` trials
+    more are pushed off the path, each in another way, for the impedance along it.
     """
 
     trials: int = Field(12, ge=4, le=100, examples=[12])
@@ -187,6 +189,7 @@ class InSituOptions(Options):
     hold_s: Seconds | None = Field(None, alias="hold", ge=0.05, examples=["600 ms"])
     amplitude: Fraction = Field(0.5, gt=0, le=1, examples=["50 %"])
     left_alone: Fraction = Field(0.25, ge=0, lt=1, examples=["25 %"])
+    pushes: int = Field(0, ge=0, le=100, examples=[8])
     viscous_damping_nms_rad: Damping | None = Field(None, alias="viscous_damping", ge=0, examples=["3e-4 N*m*s/rad"])
     inertia_kgm2: Inertia | None = Field(None, alias="inertia", gt=0, examples=["1.2e-4 kg*m^2"])
     seed: int = Field(6, ge=0, examples=[6])
@@ -195,6 +198,8 @@ class InSituOptions(Options):
     def _held_within_the_movement(self) -> "InSituOptions":
         if self.hold_s is not None and self.hold_s > self.duration_s / 2:
             raise ValueError("hold is longer than half of the duration: the movement goes there and back; shorten it")
+        if 0 < self.pushes < LEAST_PUSHES:
+            raise ValueError(f"pushes must be {LEAST_PUSHES} or more, or 0: fewer do not tell how sure they are")
         return self
 
 

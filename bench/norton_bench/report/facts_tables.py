@@ -3,8 +3,11 @@
 from collections.abc import Iterator, Sequence
 from math import isfinite
 
+import numpy as np
+
 from norton_bench.identification.averages import UNKNOWN, Setting
 from norton_bench.identification.exertion_table import ExertionTable, SpringLine
+from norton_bench.identification.impedance_along import ImpedanceAlong
 from norton_bench.identification.in_situ import EXPLAINED, InSituResult
 from norton_bench.identification.modulation import Modulated, ModulatorPlaces
 from norton_bench.identification.path_impedance import PathImpedance
@@ -169,8 +172,7 @@ def in_sentences(result: Result) -> Iterator[str]:
     yield from map(rendered_sentence, result.rendered)
     if result.in_situ is not None and result.in_situ.trials:
         yield in_situ_sentence(result.in_situ)
-        if result.in_situ.impedance is not None:
-            yield impedance_sentence(result.in_situ.impedance)
+        yield from impedance_sentences(result.in_situ)
     if result.trials:
         yield trials_sentence(result.trials)
 
@@ -242,8 +244,39 @@ def in_situ_sentence(result: InSituResult) -> str:
     )
 
 
-def impedance_sentence(about: PathImpedance) -> str:
-    """The impedance about the path, in one sentence."""
+def impedance_sentences(result: InSituResult) -> Iterator[str]:
+    """The impedance about the path, and how it changes along it; where it changes, the mean is not told."""
+    along = result.along
+    if along is not None:
+        yield _along_sentence(along)
+    if result.impedance is not None and (along is None or not along.linear):
+        yield _impedance_sentence(result.impedance)
+
+
+def _along_sentence(along: ImpedanceAlong) -> str:
+    if not along.linear:
+        return (
+            "Along this motion an inertia, and a damper and a spring that change, explain only "
+            f"{along.explained:.0%} of the torque of trials that the fit has not seen: friction or play answers, too."
+        )
+    low, high = float(np.min(along.stiffness_nm_rad)), float(np.max(along.stiffness_nm_rad))
+    half = f"± {number(float(np.median(along.stiffness_half_nm_rad)), 2)} N·m/rad"
+    stiffness = (
+        f"a stiffness of {number(low, 3)} to {number(high, 3)} {half}, resolved to {1e3 * along.resolution_s:.0f} ms"
+        if isfinite(along.resolution_s)
+        else f"a stiffness that was not seen to change, {number(high, 4)} {half}"
+    )
+    damping = number(float(np.mean(along.damping_nms_rad)), 3)
+    inertia = f"{number(along.inertia_kgm2, 4)} ± {number(along.inertia_half_kgm2, 2)} kg·m²"
+    mean = " in the mean" if along.damping_changes else ""
+    return (
+        f"Along this motion the actuator answers with an inertia of {inertia}, {stiffness}, and a damping of {damping} "
+        f"N·m·s/rad{mean}, at the load's encoder and in newton metres of its drive; "
+        f"they explain {along.explained:.2%} of the torque of trials that the fit has not seen."
+    )
+
+
+def _impedance_sentence(about: PathImpedance) -> str:
     if not about.linear:
         return (
             f"About this motion an inertia, a damper and a spring explain only {about.explained:.0%} of how the torque "

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from norton_bench.identification.averages import Setting
 from norton_bench.identification.exertion_table import ExertionTable, Shaken
+from norton_bench.identification.impedance_along import ImpedanceAlong
 from norton_bench.identification.in_situ import SourceMotion
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.trials import TrialFigures
@@ -167,6 +168,23 @@ def source_motion_figure(source: SourceMotion, command_unit: str) -> Figure:
     bottom.plot(*envelope(time_s, source.velocity_rad_s), color=MEASURED)
     bottom.set_ylabel("source velocity [rad/s]")
     bottom.set_xlabel("time [s]")
+    return picture
+
+
+def impedance_along_figure(along: ImpedanceAlong) -> Figure:
+    """Stiffness and damping along the movement, with their 95 % intervals, against time."""
+    picture = figure(4.0)
+    parts = (
+        ("stiffness [N·m/rad]", along.stiffness_nm_rad, along.stiffness_half_nm_rad),
+        ("damping [N·m·s/rad]", along.damping_nms_rad, along.damping_half_nms_rad),
+    )
+    both = picture.subplots(2, 1, sharex=True, height_ratios=(4, 3))
+    for axes, (label, values, half) in zip(both, parts, strict=True):
+        axes.fill_between(along.time_s, values - half, values + half, color=MEASURED, alpha=0.2, linewidth=0)
+        axes.plot(along.time_s, values, color=MEASURED)
+        axes.set_ylabel(label)
+        axes.set_ylim(0.0, 1.1 * float(np.max(values + half)))
+    both[-1].set_xlabel("time [s]")
     return picture
 
 

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 from norton_bench.identification.exertion_table import ExertionTable
+from norton_bench.identification.impedance_along import ImpedanceAlong
 from norton_bench.identification.in_situ import EXPLAINED, SourceMotion
 from norton_bench.identification.modulation import modulated
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
 from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
 from norton_bench.report.facts_tables import (
-    impedance_sentence,
+    impedance_sentences,
     line_facts,
     modulation_sentences,
     modulator_facts,
@@ -22,6 +23,7 @@ from norton_bench.report.facts_tables import (
 )
 from norton_bench.report.figures_tables import (
     exertion_figure,
+    impedance_along_figure,
     shaken_figure,
     source_motion_figure,
     source_table_figure,
@@ -184,9 +186,11 @@ def in_situ_section(data: Result) -> Section | None:
     ]
     if result.source is not None:
         pictures.append(_source(result.source, pretty_unit(data.command_unit)))
+    if result.along is not None and result.along.linear:
+        pictures.append(_along(result.along))
     ending = _ending(result.trials, EXPLAINED, converged=result.converged)
-    about = () if result.impedance is None else (impedance_sentence(result.impedance),)
-    sentences = (*(f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly), ending, *about)
+    assembly = (f"{sentence[0].upper()}{sentence[1:]}." for sentence in result.assembly)
+    sentences = (*assembly, ending, *impedance_sentences(result))
     return Section(
         "in-situ",
         "The motion source of an assembled actuator (in situ)",
@@ -202,6 +206,16 @@ def _source(source: SourceMotion, unit: str) -> Picture:
         "in-situ-source",
         "Read off the motion that this command asks for when the load takes no torque.",
         f"Velocity while the actuator exerted nothing. Trials differ by {number(source.scatter_rad_s, 2)} rad/s rms.",
+    )
+
+
+def _along(along: ImpedanceAlong) -> Picture:
+    return picture(
+        impedance_along_figure(along),
+        "in-situ-impedance",
+        "See how stiff the actuator is at each instant of the movement.",
+        "The spring and the damper with which the actuator answers when it is moved off its source, with 95 % "
+        "intervals: by trials that were pushed off the path, each in another way.",
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.assembly import LoadTaken, Machine
@@ -280,6 +281,28 @@ def test_an_arm_reaches_from_level_to_level() -> None:
     found = carried_out(half_rate("sim-arm"), InSituOptions(trials=5, duration_s=4.0, shake_s=8.0, hold_s=0.5))
     assert len(np.unique(found.known.in_situ.command)) == 9  # type: ignore[union-attr]
     assert found.below_db(found.last_driven) > 25.0
+
+
+@pytest.mark.long
+def test_pushed_off_its_path_an_arm_shows_how_stiff_it_is_at_each_instant() -> None:
+    """2 N m/rad at rest and 3 in the middle of each reach, of newton metres of which the load drive counts 1/0.95, in
+    series with the coupling."""
+    options = InSituOptions(trials=5, duration_s=4.0, shake_s=8.0, hold_s=0.5, pushes=5)
+    result = carried_out(half_rate("sim-arm"), options)
+    along, posture, reach = result.result.along, *(1 / (0.95 / k + 0.95 / 200.0) for k in (2.0, 3.0))
+    assert along is not None
+    assert len(result.result.trials) == 5
+    assert along.linear
+    assert along.resolution_s <= 0.1
+    assert np.quantile(along.stiffness_nm_rad, [0.1, 0.9]) == pytest.approx([posture, reach], rel=0.03)
+    held = [k for k in (posture, reach) if np.any(np.abs(along.stiffness_nm_rad - k) < along.stiffness_half_nm_rad)]
+    assert held == [posture, reach]
+    assert sum("off the path with up to" in sentence for sentence in result.said) == 5
+
+
+def test_pushes_are_none_or_enough_to_tell_how_sure_they_are() -> None:
+    with pytest.raises(ValidationError, match="pushes must be 4 or more, or 0"):
+        InSituOptions(pushes=2)
 
 
 def test_a_movement_that_is_too_fast_at_its_smallest_is_refused(found: Found) -> None:
