@@ -96,7 +96,8 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
         return None
     motions = motions_rad(load, trials, tick_s)
     torques = _compared(exerted_nm(trials, tick_s), tick_s)
-    if not np.any(np.ptp(torques, axis=0)):
+    moved = _moved(motions, tick_s)
+    if not (moved.size and np.any(np.ptp(torques, axis=0))):
         return None
     power = float(np.mean((torques - torques.mean(axis=0)) ** 2))
     derivatives = [_low_passed(motions - motions.mean(axis=0), tick_s, 2 * HIGHEST_HZ, order) for order in range(3)]
@@ -113,7 +114,6 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
     variance = best.jackknife() + _of_load(best, load, trials, tick_s)
     half = t_quantile(0.975, len(trials) - 1) * np.sqrt(variance)
     explained = 1.0 - _mean_unseen(best) / power
-    moved = _moved(motions, tick_s)
     instants = np.arange(moved[0], moved[-1] + 1, max(round(INSTANTS_S / tick_s), 1))
     return _at(instants, best, half, explained, tick_s)
 

@@ -123,3 +123,5 @@ def test_few_trials_and_such_that_do_not_differ_tell_nothing() -> None:
     trials = pushed("constant")
     assert impedance_along(LOAD, trials[:3], TICK_S) is None
     assert impedance_along(LOAD, [trials[0]] * 5, TICK_S) is None
+    stuck = [replace(each, seen=trials[0].seen) for each in trials]
+    assert impedance_along(LOAD, stuck, TICK_S) is None
