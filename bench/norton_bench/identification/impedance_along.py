@@ -96,8 +96,7 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
         return None
     motions = motions_rad(load, trials, tick_s)
     torques = _compared(exerted_nm(trials, tick_s), tick_s)
-    moved = _moved(motions, tick_s)
-    if not (moved.size and np.any(np.ptp(torques, axis=0))):
+    if not (np.any(np.ptp(motions, axis=0)) and np.any(np.ptp(torques, axis=0))):
         return None
     power = float(np.mean((torques - torques.mean(axis=0)) ** 2))
     derivatives = [_low_passed(motions - motions.mean(axis=0), tick_s, 2 * HIGHEST_HZ, order) for order in range(3)]
@@ -114,6 +113,7 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
     variance = best.jackknife() + _of_load(best, load, trials, tick_s)
     half = t_quantile(0.975, len(trials) - 1) * np.sqrt(variance)
     explained = 1.0 - _mean_unseen(best) / power
+    moved = _moved(motions, tick_s)
     instants = np.arange(moved[0], moved[-1] + 1, max(round(INSTANTS_S / tick_s), 1))
     return _at(instants, best, half, explained, tick_s)
 
@@ -123,7 +123,7 @@ def _moved(motions: FloatArray, tick_s: float) -> npt.NDArray[np.intp]:
     that they rest. Not where a band begins or ends."""
     edge = round(EDGE_S / tick_s)
     apart = np.std(motions, axis=0)[edge : motions.shape[1] - edge]
-    return edge + np.flatnonzero(apart > MOVED * np.median(apart))
+    return edge + np.flatnonzero(apart >= MOVED * np.median(apart))
 
 
 def _at(
