@@ -95,7 +95,7 @@ class Rendering:
         return f"{words}; with any other passive one that has {needed}"
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def rendering(calibration: LoadCalibration, tick_s: float, law: Admittance) -> Rendering:
     """The certificate of a law with a body of its own: with a wall, of the law before it and of that behind it.
 

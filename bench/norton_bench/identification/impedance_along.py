@@ -30,6 +30,8 @@ HIGHEST_HZ = 15.0
 # Distances of the splines that are tried, beside values that do not change.
 SPACINGS_S = (0.4, 0.2, 0.1, 0.05, 0.025)
 DEGREE = 3
+# No more of them than that: beside a minute's movement 25 ms apart they would take gigabytes and minutes.
+MOST_SPLINES = 400
 # Fewer trials tell no deviations.
 LEAST_TRIALS = 4
 # A quarter of the least distance between splines: so near to each other are the instants of the result.
@@ -148,7 +150,8 @@ def _at(
 def _stiffnesses(ticks: int, tick_s: float) -> list[_Basis]:
     """From one that does not change to such that change fast, with a damping that does not."""
     constant = np.ones((1, ticks))
-    changing = (_Basis(spacing_s, constant, _splines(ticks, tick_s, spacing_s)) for spacing_s in SPACINGS_S)
+    fine = [spacing_s for spacing_s in SPACINGS_S if ticks * tick_s / spacing_s <= MOST_SPLINES] or SPACINGS_S[:1]
+    changing = (_Basis(spacing_s, constant, _splines(ticks, tick_s, spacing_s)) for spacing_s in fine)
     return [_Basis(np.inf, constant, constant), *changing]
 
 
@@ -163,8 +166,10 @@ def _splines(ticks: int, tick_s: float, spacing_s: float) -> FloatArray:
 def _rows(basis: _Basis, derivatives: Sequence[FloatArray], tick_s: float) -> FloatArray:
     """What each basis function with a value of 1 makes of the trials' torques, (trials, instants, functions)."""
     position, velocity, acceleration = derivatives
-    terms = [acceleration, *(velocity * each for each in basis.damping), *(position * each for each in basis.stiffness)]
-    return -np.stack([_compared(each, tick_s) for each in terms], axis=-1)
+    products = ((velocity, basis.damping), (position, basis.stiffness))
+    columns = [_compared(acceleration, tick_s)]  # one after the other: all ticks of all of them would fill the memory
+    columns += [_compared(motion * each, tick_s) for motion, functions in products for each in functions]
+    return -np.stack(columns, axis=-1)
 
 
 def _compared(torques: FloatArray, tick_s: float) -> FloatArray:

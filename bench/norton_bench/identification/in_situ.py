@@ -128,12 +128,9 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
 
 def pushed_segments(measured: Measured) -> list[SegmentInfo]:
     """The segments of the trials that were pushed off the path, of the last movement."""
-    first_ns = min((each.start_ns for each in trial_segments(measured, IN_SITU)), default=0)
-    return [
-        each
-        for each in measured.segments
-        if each.procedure == IN_SITU and each.name.startswith(PUSHED) and each.start_ns > first_ns
-    ]
+    chosen = [each for each in measured.segments if each.procedure == IN_SITU and each.name.startswith(PUSHED)]
+    trials_ns = [each.start_ns for each in trial_segments(measured, IN_SITU)]
+    return [each for each in chosen if not trials_ns or each.start_ns > trials_ns[0]]
 
 
 def _whole(segments: Sequence[SegmentInfo], load: LoadTaken, tick_s: float) -> list[SegmentInfo]:

@@ -67,11 +67,12 @@ def path_impedance(load: Machine, trials: Sequence[Trial], tick_s: float) -> Pat
     """
     if len(trials) < 2:
         return None
-    motions, torques = motions_rad(load, trials, tick_s), _differences(exerted_nm(trials, tick_s), 0, tick_s)
+    motions, exerted = motions_rad(load, trials, tick_s), exerted_nm(trials, tick_s)
+    if not (np.any(np.ptp(motions, axis=0)) and np.any(np.ptp(exerted, axis=0))):
+        return None
+    torques = _differences(exerted, 0, tick_s)
     rows = -np.stack([_differences(motions, order, tick_s) for order in (2, 1, 0)], axis=-1)
     power = float(np.sum(torques**2))
-    if power == 0.0:
-        return None
     values = _solved(rows, torques)
     left = float(np.sum((torques - rows @ values) ** 2))
     variance = _jackknife(rows, torques) + _of_load(rows, load, trials, tick_s)

@@ -49,7 +49,8 @@ def _prior_freedom(ratios: FloatArray, freedom: int) -> float:
     Both variances are those of chi-squared variables, whose logarithms have known moments: their mean square is that of
     the ratios. As good as certain where chance alone makes ratios differ as much.
     """
-    mean_square = float(np.mean((np.log(np.maximum(ratios, NOTHING)) - _mean_log(freedom)) ** 2))
+    logarithms = np.log(ratios[np.isfinite(ratios) & (ratios > 0.0)])
+    mean_square = float(np.mean((logarithms - _mean_log(freedom)) ** 2)) if logarithms.size else 0.0
 
     def excess(prior: float) -> float:
         spread = scipy.special.polygamma(1, freedom / 2.0) + scipy.special.polygamma(1, prior / 2.0)

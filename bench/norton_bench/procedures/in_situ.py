@@ -56,6 +56,10 @@ LEAD_S = 1.0
 # The first trial is not driven, for comparison; the first two driven ones show whether the trials converge.
 FIRST = (False, True, True)
 HALVINGS = 20
+NO_PUSHES = (
+    "it is not pushed off its path: the torque of the load drive or the velocity limit leaves no room for that; set a "
+    "smaller amplitude of the step"
+)
 # How the segments are called in which the movement grows; their share of the greatest one follows.
 SIZE = "size "
 # The first share; how many there may be, each at most twice the last; and the speed that is enough, as a share of what
@@ -280,9 +284,10 @@ class InSituProcedure:
         trials = figures(state.trials)
         if not (converged(trials) or diverge(trials) or len(trials) >= self.options.trials):
             return _next(known, state)
-        if len(state.pushed) < self.options.pushes:
-            return _push(known, state)
-        return _done(known, state)
+        if len(state.pushed) == self.options.pushes:
+            return _done(known, state)
+        push = _push_nm(known, state)
+        return _push(known, state, push) if push.any() else _done(known, state, NO_PUSHES)
 
 
 def _next(known: Knowledge, state: InSitu) -> Decision:
@@ -297,9 +302,13 @@ def _next(known: Knowledge, state: InSitu) -> Decision:
     return Decision(known, InSituTrial(number, driven, load_torque_nm, state), f"{before}; trial {number} {how}")
 
 
-def _push(known: Knowledge, state: InSitu) -> Decision:
-    number, greatest_nm = len(state.pushed) + 1, greatest_load_torque(known.rig)
-    push = push_nm(number, state.load.machine, state.readings, greatest_nm, REST_S, known.rig)
+def _push_nm(known: Knowledge, state: InSitu) -> FloatArray:
+    greatest_nm = greatest_load_torque(known.rig)
+    return push_nm(state.load.machine, state.readings, state.pushed, greatest_nm, REST_S, known.rig)
+
+
+def _push(known: Knowledge, state: InSitu, push: FloatArray) -> Decision:
+    number = len(state.pushed) + 1
     load_torque_nm = best_of(state.readings).load_torque_nm + push
     sentence = f"push {number}: off the path with up to {np.max(np.abs(push)):.2g} N*m"
     return Decision(known, InSituTrial(number, True, load_torque_nm, state, is_pushed=True), sentence)
@@ -322,9 +331,10 @@ def _load_torque_nm(state: InSitu, known: Knowledge) -> FloatArray:
     return next_load_torque(models, state.command, corrections, 0.0, tick_s)
 
 
-def _done(known: Knowledge, state: InSitu) -> Decision:
+def _done(known: Knowledge, state: InSitu, remark: str = "") -> Decision:
     end = "; ".join(why_not_settled(figures(state.trials))) or f"converged: {EXPLAINED}"
-    return Decision(replace(known, in_situ=replace(state, finished=True)), None, f"{in_words(state)}; {end}")
+    words = "; ".join(filter(None, [in_words(state), end, remark]))
+    return Decision(replace(known, in_situ=replace(state, finished=True)), None, words)
 
 
 def in_words(state: InSitu) -> str:

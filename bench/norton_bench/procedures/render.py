@@ -55,10 +55,21 @@ class RenderProcedure:
         return tuple(f"render: {words}" for words in certificates)
 
     def plan(self, known: Knowledge) -> Plan:
-        for n, each in enumerate(self.options.laws):
-            if n > 0:
-                yield self._segment(known, "change", each.law, hold(0.0, GLIDE_S, known.tick_s))
-            yield self._segment(known, name_of(each.law), each.law, self._command(known, each.duration_s))
+        for segment in self._segments(known):
+            measured = yield segment
+            turns_rad_s = np.abs(measured.ticks["velocity_rad_s"][-1:])
+            if np.any(turns_rad_s >= segment.stop_at_velocity_rad_s):
+                return
+
+    def _segments(self, known: Knowledge) -> list[Segment]:
+        """All of them beforehand: while the load acts one law, there is no time to compute the next."""
+        segments = list[Segment]()
+        for each in self.options.laws:
+            if segments:
+                segments.append(self._segment(known, "change", each.law, hold(0.0, GLIDE_S, known.tick_s)))
+            command = self._command(known, each.duration_s)
+            segments.append(self._segment(known, name_of(each.law), each.law, command))
+        return segments
 
     def _command(self, known: Knowledge, duration_s: float) -> FloatArray:
         """Of the actuator, (ticks,)."""

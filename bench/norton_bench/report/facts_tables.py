@@ -257,7 +257,8 @@ def _along_sentence(along: ImpedanceAlong) -> str:
     if not along.linear:
         return (
             "Along this motion an inertia, and a damper and a spring that change, explain only "
-            f"{along.explained:.0%} of the torque of trials that the fit has not seen: friction or play answers, too."
+            f"{max(along.explained, 0.0):.0%} of the torque of trials that the fit has not seen: friction or play "
+            "answers, too, or the trials hardly differ."
         )
     low, high = float(np.min(along.stiffness_nm_rad)), float(np.max(along.stiffness_nm_rad))
     half = f"± {number(float(np.median(along.stiffness_half_nm_rad)), 2)} N·m/rad"

@@ -183,7 +183,7 @@ def impedance_along_figure(along: ImpedanceAlong) -> Figure:
         axes.fill_between(along.time_s, values - half, values + half, color=MEASURED, alpha=0.2, linewidth=0)
         axes.plot(along.time_s, values, color=MEASURED)
         axes.set_ylabel(label)
-        axes.set_ylim(0.0, 1.1 * float(np.max(values + half)))
+        axes.set_ylim(min(0.0, float(np.min(values - half))), max(0.0, 1.1 * float(np.max(values + half))))
     both[-1].set_xlabel("time [s]")
     return picture
 

@@ -73,3 +73,5 @@ def test_friction_is_no_linear_impedance(pushed: list[Trial]) -> None:
 def test_trials_that_do_not_differ_tell_nothing(pushed: list[Trial]) -> None:
     assert path_impedance(LOAD, pushed[:1], TICK_S) is None
     assert path_impedance(LOAD, [pushed[0], pushed[0]], TICK_S) is None
+    stuck = [replace(each, seen=pushed[0].seen) for each in pushed]
+    assert path_impedance(LOAD, stuck, TICK_S) is None

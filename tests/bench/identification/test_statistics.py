@@ -271,3 +271,11 @@ def test_deviations_that_are_stated_far_too_small_count_for_nothing() -> None:
     draws = np.random.default_rng(4).normal(size=(12, 7)) * np.geomspace(1e2, 1e6, 7)
     moderated = moderated_std_of_next(draws, np.ones(7))
     assert moderated == pytest.approx(reach_of_next(draws, 0.975) / NORMAL_95, rel=0.1)
+
+
+def test_a_parameter_without_a_deviation_leaves_those_of_the_others() -> None:
+    draws = np.random.default_rng(5).normal(size=(12, 4))
+    stated = np.array([1.0, np.nan, 1.0, 1.0])
+    moderated = moderated_std_of_next(draws, stated)
+    assert np.isnan(moderated[1])
+    assert moderated[[0, 2, 3]] == pytest.approx(moderated_std_of_next(draws[:, [0, 2, 3]], np.ones(3)))

@@ -10,7 +10,15 @@ from pydantic import ValidationError
 
 from norton_bench.errors import ExperimentError, RigError
 from norton_bench.identification.assembly import LoadTaken, Machine
-from norton_bench.identification.in_situ import Exerted, InSituResult, figures, in_band_motion, in_situ_result
+from norton_bench.identification.in_situ import (
+    PUSHED,
+    Exerted,
+    InSituResult,
+    figures,
+    in_band_motion,
+    in_situ_result,
+    pushed_segments,
+)
 from norton_bench.identification.trials import settled
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -298,6 +306,22 @@ def test_pushed_off_its_path_an_arm_shows_how_stiff_it_is_at_each_instant() -> N
     held = [k for k in (posture, reach) if np.any(np.abs(along.stiffness_nm_rad - k) < along.stiffness_half_nm_rad)]
     assert held == [posture, reach]
     assert sum("off the path with up to" in sentence for sentence in result.said) == 5
+
+
+def test_where_there_is_no_room_for_pushes_the_step_ends_and_says_so(found: Found) -> None:
+    state = found.known.in_situ
+    assert state is not None
+    slow = replace(RIG, limits=replace(RIG.limits, velocity_rad_s=0.1))
+    known = replace(found.known, rig=slow, in_situ=replace(state, finished=False))
+    decision = InSituProcedure(OPTIONS.model_copy(update={"pushes": 4})).following(known)
+    assert decision.procedure is None
+    assert "leaves no room for that; set a smaller amplitude" in decision.sentence
+
+
+def test_pushes_of_a_resumed_session_lie_before_its_clock_began(found: Found) -> None:
+    record = found.known.records[-1]
+    before = [replace(record.segments[-1], name=f"{PUSHED}{number}", start_ns=-(10**10) + number) for number in (1, 2)]
+    assert pushed_segments(replace(record, segments=tuple(before))) == before
 
 
 def test_pushes_are_none_or_enough_to_tell_how_sure_they_are() -> None:

@@ -33,7 +33,7 @@ def trials() -> tuple[Trial, ...]:
 
 
 def test_the_deflection_is_a_tenth_of_the_way() -> None:
-    push = push_nm(1, LOAD, trials(), GREATEST_NM, REST_S, rig(100.0))
+    push = push_nm(LOAD, trials(), (), GREATEST_NM, REST_S, rig(100.0))
     with_push, _ = moved(push, lambda _: STIFFNESS_NM_RAD, 1.2e-3)
     without, _ = moved(np.zeros(TICKS), lambda _: STIFFNESS_NM_RAD, 1.2e-3)
     assert np.max(np.abs(with_push - without)) == pytest.approx(0.1 * np.ptp(SOURCE_RAD), rel=0.15)
@@ -42,16 +42,16 @@ def test_the_deflection_is_a_tenth_of_the_way() -> None:
 
 
 def test_each_push_is_another_one() -> None:
-    first, second = (push_nm(number, LOAD, trials(), GREATEST_NM, REST_S, rig(100.0)) for number in (1, 2))
+    first, second = (push_nm(LOAD, trials(), pushed, GREATEST_NM, REST_S, rig(100.0)) for pushed in ((), trials()[:1]))
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.5
 
 
 def test_no_push_is_harder_than_the_drive_or_faster_than_the_rig_allows() -> None:
-    weak = push_nm(1, LOAD, trials(), 0.01 + np.max(np.abs(best_of(trials()).load_torque_nm)), REST_S, rig(100.0))
+    weak = push_nm(LOAD, trials(), (), 0.01 + np.max(np.abs(best_of(trials()).load_torque_nm)), REST_S, rig(100.0))
     assert np.max(np.abs(weak)) == pytest.approx(0.01)
     path_rad = np.mean([each.seen.load_position_rad for each in trials()], axis=0)
     fastest_rad_s = float(np.max(np.abs(np.gradient(path_rad, TICK_S))))
-    slow = push_nm(1, LOAD, trials(), GREATEST_NM, REST_S, rig((fastest_rad_s + 0.2) / 0.9))
+    slow = push_nm(LOAD, trials(), (), GREATEST_NM, REST_S, rig((fastest_rad_s + 0.2) / 0.9))
     deflected = (
         moved(slow, lambda _: STIFFNESS_NM_RAD, 1.2e-3)[0] - moved(0 * slow, lambda _: STIFFNESS_NM_RAD, 1.2e-3)[0]
     )
@@ -59,8 +59,8 @@ def test_no_push_is_harder_than_the_drive_or_faster_than_the_rig_allows() -> Non
 
 
 def test_where_nothing_is_left_nothing_is_pushed() -> None:
-    assert not push_nm(1, LOAD, trials(), 0.0, REST_S, rig(100.0)).any()
-    assert not push_nm(1, LOAD, trials(), GREATEST_NM, REST_S, rig(0.1)).any()
+    assert not push_nm(LOAD, trials(), (), 0.0, REST_S, rig(100.0)).any()
+    assert not push_nm(LOAD, trials(), (), GREATEST_NM, REST_S, rig(0.1)).any()
 
 
 def test_the_best_trial_is_the_one_with_the_least_torque() -> None:

@@ -1,5 +1,6 @@
 """Virtual bodies on the simulated bench, through frames and bytes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 from norton_bench.cli import app
 from norton_bench.errors import ExitCode, ExperimentError, RigError
 from norton_bench.identification.rendered import law_of
-from norton_bench.procedures.knowledge import Knowledge, Reducing, only_rendered
+from norton_bench.procedures.knowledge import Knowledge, Plan, Reducing, only_rendered
 from norton_bench.procedures.modulated import modulated
 from norton_bench.procedures.options import LawOptions, RenderOptions
 from norton_bench.procedures.render import REST_S, RenderProcedure
+from norton_bench.records import Measured
 from norton_bench.result import Result
 from norton_bench.rig.load import load_rig
 from norton_bench.segments import GLIDE_S, ZERO_TORQUE, Admittance, LoadMode, Segment, Use
@@ -138,6 +140,26 @@ def test_a_law_beyond_the_bench_is_refused_before_the_load_acts_it(
 def test_rigs_that_cannot_render_are_told_so(rig: str, why: str) -> None:
     with pytest.raises(RigError, match=why):
         RenderProcedure(RenderOptions()).require(load_rig(RIGS / f"{rig}.toml"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fast", [False, True])
+def test_no_law_follows_once_the_shaft_turned_too_fast(fast: bool, result: Result) -> None:
+    known = Knowledge(load_rig(RIGS / "sim-odrive.toml"), calibration=calibrated(PlantSettings()))
+    plan = RenderProcedure(RenderOptions(mass_kgm2=5e-4, damping_nms_rad=2e-2, then=(LawOptions(),))).plan(known)
+    segment = next(plan)
+    assert result.measured is not None
+    ticks = result.measured.ticks[:3].copy()
+    ticks["velocity_rad_s"] = segment.stop_at_velocity_rad_s if fast else 0.0
+    following = next_of(plan, replace(result.measured, ticks=ticks))
+    assert (following is None) is fast
+
+
+def next_of(plan: Plan, measured: Measured) -> Segment | None:
+    try:
+        return plan.send(measured)
+    except StopIteration:
+        return None
 
 
 def test_without_a_calibration_there_is_a_sentence() -> None:
