@@ -42,6 +42,8 @@ SAME_PLACE = 0.3
 # A torque of this share of the greatest, and of so many deviations, is one.
 TOUCH_SHARE = 0.05
 TOUCH_DEVIATIONS = 3.0
+# Up to this share of the greatest torque, a spring is as good as straight: a few places alone are as noisy as readings.
+NEAR_SHARE = 0.5
 # A port that is no stiffer exerts nothing at all.
 SOFTEST_NM_RAD = 1e-9
 # Draws of what a repetition might have given, for the intervals of where the torque begins.
@@ -315,7 +317,8 @@ def _widest_step(places: FloatArray, low: float, high: float) -> float:
 def _edges(displacement: FloatArray, torque: FloatArray, half: FloatArray) -> FloatArray | None:
     """Where the port begins to resist on either side, (2, 1 + DRAWS): as read, and as a repetition might have given it.
 
-    There the line through the two nearest places with torque meets zero. None where a side has fewer.
+    There the line through the places with torque meets zero, up to half of the greatest torque of that side: two at
+    least, and within what was reached. None where a side has fewer.
     """
     least_nm = max(TOUCH_SHARE * float(np.max(np.abs(torque))), TOUCH_DEVIATIONS * float(np.max(half)) / T_95)
     random = np.random.default_rng(1)
@@ -323,9 +326,12 @@ def _edges(displacement: FloatArray, torque: FloatArray, half: FloatArray) -> Fl
     values, edges = np.vstack([torque, draws]), []
     for side in (-1.0, 1.0):
         touching = np.flatnonzero((-side * torque > least_nm) & (side * displacement > side * np.median(displacement)))
-        near, next_to = touching[np.argsort(side * displacement[touching])][:2] if touching.size > 1 else (None, None)
-        if near is None:
+        if touching.size < 2:
             return None
-        slope = (values[:, next_to] - values[:, near]) / (displacement[next_to] - displacement[near])
-        edges.append(displacement[near] - values[:, near] / slope)
-    return np.array(edges)
+        touching = touching[np.argsort(side * displacement[touching])]
+        weak = np.count_nonzero(np.abs(torque[touching]) <= NEAR_SHARE * np.max(np.abs(torque[touching])))
+        near = touching[: max(weak, 2)]
+        places = displacement[near] - np.mean(displacement[near])
+        slope = values[:, near] @ places / np.sum(places**2)
+        edges.append(np.mean(displacement[near]) - np.mean(values[:, near], axis=1) / slope)
+    return np.asarray(np.clip(np.array(edges), np.min(displacement), np.max(displacement)))

@@ -33,6 +33,47 @@ def test_backlash_is_found_with_its_width_and_what_holds_beyond_it(width_rad):
     assert line.stiffness.value == pytest.approx(8.0, abs=max(2 * line.stiffness.half_width, 0.3))
 
 
+def soft(away, gap_rad=0.0):
+    """As a muscle against a spring, which stiffens to one side; with a gap it is beyond that."""
+    beyond = away - min(max(away, -gap_rad / 2), gap_rad / 2)
+    return -(0.15 * beyond + 0.4 * beyond**2)
+
+
+def swept_with_noise(exerted, seed):
+    """Both ways across, with friction and noise that are a fifth and a twentieth of the greatest torque."""
+    random, places = np.random.default_rng(seed), np.linspace(-0.05, 0.05, 38)
+    ways = tuple(
+        Swept(
+            HELD,
+            rising,
+            0.03,
+            (
+                places,
+                np.array([exerted(away) for away in places]) + sign * 1.2e-3 + 4e-4 * random.standard_normal(38),
+                np.full(38, 8e-4),
+            ),
+        )
+        for rising, sign in ((True, -1.0), (False, 1.0))
+    )
+    return replace(table(exerted, 1.2e-3, seed=seed), swept=ways)
+
+
+def test_a_soft_spring_swept_in_noise_has_no_backlash():
+    gaps = [line.zeros for seed in range(60) for line in swept_with_noise(soft, seed).lines()]
+    assert not any(zeros.is_gap for zeros in gaps)
+    assert np.median([zeros.width.half_width for zeros in gaps]) < 0.02
+
+
+def test_backlash_swept_in_noise_is_found_all_the_same():
+    gaps = [
+        line.zeros
+        for seed in range(20)
+        for line in swept_with_noise(lambda away: 6.0 * soft(away, gap_rad=0.02), seed).lines()
+    ]
+    assert all(zeros.is_gap for zeros in gaps)
+    assert [zeros.width.value for zeros in gaps] == pytest.approx([0.02] * 20, abs=2e-3)
+
+
 def test_beyond_what_was_held_nothing_is_claimed():
     held = table(lambda away: -3.0 * away)
     assert held.exertion_nm(HELD, 0.02) == pytest.approx(-0.06, abs=3 * NOISE_NM)
