@@ -77,6 +77,9 @@ class PlainPI:
     def observe(self, sample: Sample) -> None:
         """Nothing to watch."""
 
+    def rest(self) -> None:
+        """Nothing to begin anew."""
+
     def note_sent(self, load_torque_nm: float) -> None:
         """Nothing to remember."""
 

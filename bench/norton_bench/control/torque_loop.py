@@ -27,8 +27,9 @@ from norton_bench.control.robustness import Control, corrected, margins, observi
 # Feedback, over what it would be without anticipation.
 FEEDBACK_SHARE = 0.2
 # What the observer believes of the free acceleration without friction, per root second and over the actuator's share of
-# a doubted torque reading: the random walk of its rate [1/s]; its own is so much smaller. The quickest comes first.
-RATES_PER_S = (500.0, 350.0, 250.0, 180.0, 125.0, 60.0)
+# a doubted torque reading: the random walk of its rate [1/s]; its own is so much smaller. The quickest comes first; the
+# slowest are for sensors that may have little damping.
+RATES_PER_S = (500.0, 350.0, 250.0, 180.0, 125.0, 60.0, 30.0, 15.0)
 WALK_S = 0.01
 DOUBTS = (4.0, 8.0, 16.0, 32.0, 64.0)  # deviation taken for the encoders, in counts
 # Peak sensitivity allowed, at the load's command, on every bench considered.

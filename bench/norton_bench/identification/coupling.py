@@ -28,6 +28,20 @@ def least_damping_nms_rad(stiffness_nm_rad: float, mobility_1_kgm2: float) -> fl
     return 2 * LEAST_DAMPING_RATIO * sqrt(max(stiffness_nm_rad, 0.0) / mobility_1_kgm2)
 
 
+def surely_damped_nms_rad(value: float, std: float, stiffness_nm_rad: float, mobility_1_kgm2: float) -> float:
+    """The damping that a joint has at least with a probability of 95 %, which was measured as ``value`` ± ``std``.
+
+    By Bayes' theorem, from what is known of damping ratios of joints: a measurement that tells nothing leaves that.
+    """
+    critical = 2.0 * sqrt(max(stiffness_nm_rad, 1e-300) / mobility_1_kgm2)
+    steps = np.linspace(-6.0, 6.0, 2001)  # of the logarithm of the ratio, in deviations
+    damping = critical * DAMPING_RATIO * np.exp(DAMPING_STD * steps)
+    doubt = 0.5 * steps**2 + 0.5 * ((damping - value) / max(std, 1e-300)) ** 2
+    likely = np.cumsum(np.exp(np.min(doubt) - doubt))
+    surely = float(np.interp(0.05, likely / likely[-1], damping))
+    return max(surely, least_damping_nms_rad(stiffness_nm_rad, mobility_1_kgm2))
+
+
 @dataclass(frozen=True)
 class Coupling:
     """What the calibration tells of it and of the load drive, whose delay is on the torque's clock.

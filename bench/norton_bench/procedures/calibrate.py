@@ -11,12 +11,11 @@ from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.coupling import least_damping_nms_rad
+from norton_bench.identification.coupling import surely_damped_nms_rad
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import LoadFit, fit_load
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import Port, signals
-from norton_bench.identification.statistics import NORMAL_95
 from norton_bench.models.parameters import Status
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.options import CalibrateOptions
@@ -227,11 +226,13 @@ def well_known(actuator: FitResult) -> bool:
 
 
 def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
-    """The lower end of its 95 % interval, and no less than the least of a joint at the resonance of both machines.
+    """What it has with a probability of 95 %, at the resonance of both machines.
 
-    A feedback that is stable with too much damping may not be with what the sensor has.
+    A feedback that is stable with too much damping may not be with what the sensor has. The twist tells little of it: a
+    third of it, or more, is usual for its deviation.
     """
     actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
-    of_joint = least_damping_nms_rad(fit.sensor_stiffness_nm_rad, mobility)
-    return max(fit.sensor_damping_nms_rad - NORMAL_95 * fit.sensor_damping_std_nms_rad, of_joint)
+    return surely_damped_nms_rad(
+        fit.sensor_damping_nms_rad, fit.sensor_damping_std_nms_rad, fit.sensor_stiffness_nm_rad, mobility
+    )
