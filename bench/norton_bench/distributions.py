@@ -15,6 +15,11 @@ def normal_quantile(p: float) -> float:
     return float(scipy.special.ndtri(p))
 
 
+def normal_tail(value: float) -> float:
+    """The probability that a standard normal variable is above ``value``."""
+    return float(scipy.special.ndtr(-value))
+
+
 def normal_hazard(value: float) -> float:
     """Density at ``value`` over the probability beyond it: finite however far out, where both vanish."""
     return float(np.exp(-0.5 * value**2 - log(sqrt(2.0 * pi)) - scipy.special.log_ndtr(-value)))

@@ -114,8 +114,10 @@ class Scatter:
     @property
     def bias_std(self) -> FloatArray:
         """Of the bias that is taken off, (p,). The smoothed motion is not the true one: anything between no bias and
-        twice the one seen is held to be as likely, which deviates by the bias over the square root of 3."""
-        return np.asarray(np.abs(self.bias) / np.sqrt(3.0))
+        twice the one seen is held to be as likely, which deviates by the bias over the square root of 3; less what
+        chance makes of the mean of so few draws."""
+        chance = np.var(self.drawn, axis=0, ddof=1) / len(self.drawn)
+        return np.asarray(np.sqrt(np.maximum(self.bias**2 - chance, 0.0) / 3.0))
 
     def excess(self, covariance: FloatArray) -> FloatArray:
         """How many times the residual's deviations, of ``covariance`` (p, p), are those that simulated fits state."""

@@ -7,8 +7,10 @@ import numpy as np
 import scipy
 
 from norton_bench.arrays import FloatArray
-from norton_bench.distributions import chi2_quantile, chi2_tail, t_quantile
+from norton_bench.distributions import chi2_quantile, chi2_tail, normal_tail, t_quantile
 
+# A bandwidth that may be so many times as great is not known.
+FARTHEST = 10.0
 # A parameter, or a combination of them, that deviates by more than this share of its value is not known.
 LOOSE_BEYOND = 0.5
 NORMAL_95 = 1.96  # deviations
@@ -160,14 +162,24 @@ def with_lag_as_told(values: FloatArray, covariance: FloatArray, place: int) -> 
 
     Behind a delay that is estimated, too, a lag shows by the square of its time constant: |1 + iω/β|⁻² = 1 − (ω/β)² …;
     what is of first order in ω looks like delay. So it is 1/β² that deviates evenly, and the interval of β reaches
-    further up than down; without end where 1/β² may be zero. Now 1.96 deviations reach as far as the upper end.
+    further up than down; without end where 1/β² may be zero. Now 1.96 deviations to either side hold 95 %.
     """
     bandwidth, std = float(values[place]), float(np.sqrt(covariance[place, place]))
-    share = NORMAL_95 * 2.0 * std / bandwidth  # of 1/β²
-    up = bandwidth / np.sqrt(1.0 - share) if share < 1.0 else np.inf
     wider = np.ones(len(values))
-    wider[place] = max(1.0, min((up - bandwidth) / NORMAL_95, bandwidth) / max(std, 1e-300))
+    reach = _reach_of_bandwidth(2.0 * std / bandwidth)
+    wider[place] = max(1.0, bandwidth * min(reach / NORMAL_95, 1.0) / max(std, 1e-300))
     return np.asarray(covariance * np.outer(wider, wider))
+
+
+def _reach_of_bandwidth(std: float) -> float:
+    """How far to either side 95 % of β lie, relative to it, where 1/β² is normal with this relative deviation."""
+
+    def missing(reach: float) -> float:
+        above = normal_tail((1.0 - (1.0 + reach) ** -2) / std)
+        below = normal_tail(((1.0 - reach) ** -2 - 1.0) / std) if reach < 1.0 else 0.0
+        return above + below - 0.05
+
+    return float(scipy.optimize.brentq(missing, 1e-9, FARTHEST)) if 0.0 < std and missing(FARTHEST) < 0.0 else np.inf
 
 
 def _meat(scores: FloatArray, time_s: FloatArray, block_s: float) -> FloatArray:

@@ -202,7 +202,8 @@ def test_a_bias_is_taken_off_and_what_simulation_does_not_explain_is_added() -> 
     values, covariance = scatter.applied(np.array([1.0, 10.0]), np.diag([0.05**2, 0.5**2]))
     assert values == pytest.approx([0.8, 10.0])
     first, second = moderated_std_of_next(draws, scatter.stated_std)
-    expected = [first**2 + 0.2**2 / 3, second**2 + 0.5**2 - 0.1**2]
+    chance = np.var(draws[:, 0], ddof=1) / 4
+    expected = [first**2 + (0.2**2 - chance) / 3, second**2 + 0.5**2 - 0.1**2]
     assert np.diag(covariance) == pytest.approx(expected)
 
 
