@@ -179,7 +179,7 @@ def _reach_of_bandwidth(std: float) -> float:
         below = normal_tail(((1.0 - reach) ** -2 - 1.0) / std) if reach < 1.0 else 0.0
         return above + below - 0.05
 
-    return float(scipy.optimize.brentq(missing, 1e-9, FARTHEST)) if 0.0 < std and missing(FARTHEST) < 0.0 else np.inf
+    return float(scipy.optimize.brentq(missing, 1e-9, FARTHEST)) if std > 0.0 and missing(FARTHEST) < 0.0 else np.inf
 
 
 def _meat(scores: FloatArray, time_s: FloatArray, block_s: float) -> FloatArray:
