@@ -209,7 +209,7 @@ ONE_MISTAKE = {
     "unknown check": (
         '"frozen torque"',
         '"frozen_torque"',
-        'r.toml: [guard.leave_out] 1: "frozen_torque" is no plausibility check; did you mean "frozen torque"?',
+        'r.toml: [guard] leave_out 2: "frozen_torque" is no plausibility check; did you mean "frozen torque"?',
     ),
     "unknown key of the guard": (
         "verify_watchdogs",
