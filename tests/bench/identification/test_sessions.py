@@ -59,7 +59,7 @@ def test_the_same_bench_does_not_differ_and_is_known_better(alike: tuple[Session
 def test_an_error_that_every_session_makes_stays(alike: tuple[SessionFit, ...]) -> None:
     found = {each.name: each for each in together(alike, "N*m").estimates}
     repeated = [fitted.fit.simulated.repeated_std["presliding_stiffness"] for fitted in alike]
-    assert min(repeated) > 0.0  # each session's own bias is known only about to its own size
+    assert np.mean(repeated) > 0.0  # of a bias that is more than chance, only about its own size is known
     assert found["presliding_stiffness"].std >= 0.98 * np.mean(repeated)
 
 
