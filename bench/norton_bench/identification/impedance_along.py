@@ -108,9 +108,9 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
 
     constant, *changing = map(fitted, _stiffnesses(motions.shape[1], tick_s))
     # Not the simplest of these: what a coarser one smooths away would be missing in its intervals.
-    finest = min(changing, key=_mean_unseen)
-    best = _simplest([constant, finest])
-    if best is finest:
+    best_changing = min(changing, key=_mean_unseen)
+    best = _simplest([constant, best_changing])
+    if best is best_changing:
         best = _simplest([best, fitted(replace(best.basis, damping=best.basis.stiffness))])
     variance = best.jackknife() + _of_load(best, load, trials, tick_s)
     half = t_quantile(0.975, len(trials) - 1) * np.sqrt(variance)

@@ -187,7 +187,7 @@ class Simulated:
     ``of_residual`` are the value and the deviation that the residual alone gives; ``repeated_std`` is the part of the
     deviation that every session of the same bench repeats: that of the bias which was taken off, and of what the
     subtraction of ringing changed. ``excess`` is how many times the residual's own deviation is that which simulated
-    records state: one where they err as the real one does. ``left`` (draws,) is as in ``bootstrap.Scatter``.
+    records state: one where they err as the real one does. ``left`` (draws,) is as in ``scatter.Scatter``.
     """
 
     of_residual: Mapping[str, tuple[float, float]]

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from norton_bench.identification.bootstrap import Readings, Scatter, Simulation, scatter_of
+from norton_bench.identification.bootstrap import Readings, Simulation, scatter_of
 from norton_bench.identification.counts import NO_STEPS, Resolution
 from norton_bench.identification.coupling import LEAST_DAMPING_RATIO, Coupling, least_damping_nms_rad
 from norton_bench.identification.judged_fit import fit
 from norton_bench.identification.motor_values import PHYSICAL, physical
 from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
+from norton_bench.identification.scatter import Scatter
 from norton_bench.identification.separable import solve, solve_again
 from norton_bench.identification.signals import TimeSeries, signals
 from norton_bench.identification.simulated_bench import EvenSpline
