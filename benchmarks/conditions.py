@@ -19,7 +19,8 @@ from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from wide_family import RIGS, carried_out_by
+from several import carried_out_by, seeds_in
+from wide_family import RIGS
 
 from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.rig.load import load_rig
@@ -80,10 +81,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    tasks = product(options.rigs, range(int(first), int(last or first) + 1))
+    tasks = product(options.rigs, seeds_in(options.seeds))
     found = list(carried_out_by(one, tasks, options.jobs, line_of))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)

@@ -14,7 +14,6 @@ published figures come from seeds 121-265: those below and from 1001 on are for 
 
 import argparse
 import json
-import os
 import re
 import sys
 from collections.abc import Sequence
@@ -24,7 +23,8 @@ from pathlib import Path
 
 import numpy as np
 import verdicts
-from wide_family import RIGS, carried_out_by, drawn, span
+from several import carried_out_by, seeds_in
+from wide_family import RIGS, drawn, span
 
 from norton_bench.datasheet.evidence import Evidence
 from norton_bench.datasheet.ripple import CHANCE
@@ -143,10 +143,7 @@ def main() -> None:
     parser.add_argument("--lines", type=Path, help="write each outcome to this file, and go on where it ends")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    first, _, last = options.seeds.partition("-")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = seeds_in(options.seeds)
     outcomes = [each for each in read(options.lines) if each.seed in seeds]
     missing = [seed for seed in seeds if seed not in {each.seed for each in outcomes}]
     for outcome in carried_out_by(partial(evaluated, kept=options.kept), missing, options.jobs, progress_line):

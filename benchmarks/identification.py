@@ -29,6 +29,7 @@ from typing import Any
 import bound
 import numpy as np
 import verdicts
+from several import one_thread_each, seeds_in
 
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.expansion import Linearised, information
@@ -166,10 +167,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = (options.seeds or (QUICK_SEED if options.quick else "1-100")).partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    todo = list(product(range(int(first), int(last or first) + 1), (PLAIN, DISTURBED)))
+    seeds = seeds_in(options.seeds or (QUICK_SEED if options.quick else "1-100"))
+    one_thread_each()
+    todo = list(product(seeds, (PLAIN, DISTURBED)))
     found: list[Outcome] = []
     # Fresh processes: what one session leaves behind in memory is not the next one's business.
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:

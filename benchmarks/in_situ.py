@@ -23,8 +23,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from several import carried_out_by, seeds_in
 from source_map import LOOK_NS, Eyes
-from wide_family import RIGS, carried_out_by, changed
+from wide_family import RIGS, changed
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, SafetyStopError
@@ -176,10 +177,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    tasks = product(options.rigs, range(int(first), int(last or first) + 1))
+    tasks = product(options.rigs, seeds_in(options.seeds))
     found = list(carried_out_by(one, tasks, options.jobs, line_of))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)

@@ -8,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from several import seeds_in
 
 from norton_bench.arrays import FloatArray
 from norton_bench.logs.column_map import parse_map
@@ -53,9 +54,8 @@ def report(
     parser.add_argument("--seeds", default=seeds)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
     every: list[Judged] = []
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in seeds_in(options.seeds):
         every.append(judged(seed))
         if not options.json:
             told = ", ".join(f"{name} {error:+.1f}" for name, error in every[-1]["errors"].items())

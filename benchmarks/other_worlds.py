@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 import verdicts
+from several import one_thread_each, seeds_in
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
@@ -443,11 +444,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = (options.seeds or (QUICK_SEED if options.quick else "1-5")).partition("-")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = seeds_in(options.seeds or (QUICK_SEED if options.quick else "1-5"))
     strengths = STRENGTHS[:1] if options.quick else STRENGTHS
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
+    one_thread_each()
     worlds = options.worlds.split(",")
     if unknown := set(worlds) - {*WORLDS, CONTROL}:
         parser.error(f"--worlds: there is no {', '.join(sorted(unknown))}; there are {', '.join((*WORLDS, CONTROL))}")

@@ -21,7 +21,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import verdicts
-from wide_family import RIGS, WITHIN, carried_out_by, changed, with_sensor
+from several import carried_out_by, seeds_in
+from wide_family import RIGS, WITHIN, changed, with_sensor
 
 from norton_bench.errors import BenchError
 from norton_bench.models.parameters import Status
@@ -179,10 +180,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = seeds_in(options.seeds)
     chosen = [each for each in PAIRINGS if options.only in named(each)]
     tasks = [(pairing, seed) for seed in seeds for pairing in chosen]
     outcomes = list(carried_out_by(session, tasks, options.jobs, progress_line))

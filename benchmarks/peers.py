@@ -30,6 +30,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 from other_worlds import CONTROL, RIG, rig_text, torque_errors, unseen_motions
+from several import seeds_in
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.cleaning import clean
@@ -266,9 +267,8 @@ def main() -> int:
     parser.add_argument("--seeds", default="1-10", help="FIRST-LAST, or one")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     arguments = parser.parse_args()
-    first, _, last = arguments.seeds.partition("-")
     found = []
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in seeds_in(arguments.seeds):
         for each in outcomes(seed):
             found.append(each)
             worst = max(each.errors, key=lambda name: abs(each.errors[name]))

@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import verdicts
-from wide_family import carried_out_by
+from several import carried_out_by, seeds_in
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
@@ -158,10 +158,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = (options.seeds or (QUICK_SEED if options.quick else "1-20")).partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    seeds = range(int(first), int(last or first) + 1)
+    seeds = seeds_in(options.seeds or (QUICK_SEED if options.quick else "1-20"))
     found = list(carried_out_by(partial(one, options.rig), seeds, options.jobs, progress_line))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)

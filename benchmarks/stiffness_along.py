@@ -24,7 +24,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from in_situ import LOAD
-from wide_family import RIGS, carried_out_by, changed
+from several import carried_out_by, seeds_in
+from wide_family import RIGS, changed
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, SafetyStopError
@@ -153,7 +154,7 @@ def by_pieces(motions: FloatArray, torques: FloatArray, piece_s: float, tick_s: 
     derivatives = [differences]
     for _ in range(2):
         derivatives.append(np.gradient(derivatives[-1], tick_s, axis=1))
-    rows = -np.stack([[in_band(each, tick_s) for each in order] for order in derivatives], axis=-1)
+    rows = -np.stack([in_band(each, tick_s) for each in derivatives], axis=-1)
     wanted = torques - torques.mean(axis=0)
     length = max(round(piece_s / tick_s), 1)
     starts = np.arange(0, motions.shape[1] - length, max(length // 2, 1))
@@ -173,10 +174,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="sessions at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    found = list(carried_out_by(one, range(int(first), int(last or first) + 1), options.jobs, line_of))
+    found = list(carried_out_by(one, seeds_in(options.seeds), options.jobs, line_of))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)
     else:

@@ -20,19 +20,17 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
 
 import numpy as np
 import verdicts
 from identification import bounds, noise
+from several import carried_out_by, seeds_in
 
 from norton_bench.errors import BenchError
 from norton_bench.identification.cleaning import clean
@@ -59,8 +57,6 @@ WITHIN = 1.96  # deviations, of 95 %
 SECTION = re.compile(r"^\[(?P<name>[^\]]+)\]", re.MULTILINE)
 NORMAL_MEDIAN = 0.6745  # of the absolute value, in deviations
 TENTHS = 10
-Found = TypeVar("Found")
-Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
@@ -231,11 +227,9 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, help="leave the recordings in this folder")
     parser.add_argument("--again", type=Path, help="evaluate the recordings of this folder once more")
     options = parser.parse_args()
-    first, _, last = (options.seeds or (QUICK_SEEDS if options.quick else ALL_SEEDS)).partition("-")
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
+    seeds = seeds_in(options.seeds or (QUICK_SEEDS if options.quick else ALL_SEEDS))
     work = partial(again, kept=options.again) if options.again else partial(session, keep=options.keep)
-    outcomes = list(carried_out(work, range(int(first), int(last or first) + 1), options.jobs))
+    outcomes = list(carried_out(work, seeds, options.jobs))
     if options.json:
         json.dump([asdict(outcome) for outcome in outcomes], sys.stdout, indent=2)
     else:
@@ -245,18 +239,6 @@ def main() -> None:
 def carried_out(work: Callable[[int], Outcome | None], seeds: Iterable[int], jobs: int) -> Iterator[Outcome]:
     """Every session in turn, with a line of progress on stderr."""
     yield from carried_out_by(work, seeds, jobs, progress_line)
-
-
-def carried_out_by(
-    work: Callable[[Task], Found | None], tasks: Iterable[Task], jobs: int, told: Callable[[Found], str]
-) -> Iterator[Found]:
-    """What ``work`` finds for each task, such as a seed, in turn, in processes of their own; ``told`` makes a line of
-    progress."""
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        for outcome in pool.map(work, tasks):
-            if outcome is not None:
-                print(told(outcome), file=sys.stderr, flush=True)
-                yield outcome
 
 
 def progress_line(outcome: Outcome) -> str:

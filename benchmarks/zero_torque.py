@@ -14,15 +14,14 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from math import isfinite, log10
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from several import carried_out_by, seeds_in
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.admittance import AdmittanceController
@@ -261,11 +260,17 @@ def one(case: Case) -> Outcome:
     return Outcome(case, rms_nm, mean_nm, trials_nm)
 
 
-def cases(first: int, last: int) -> list[Case]:
-    every = product(range(first, last + 1), COMMANDS)
-    main = [Case(seed, STIFFNESS_NM_RAD, command, seed == first) for seed, command in every]
+def cases(seeds: range) -> list[Case]:
+    first = seeds[0]
+    main = [Case(seed, STIFFNESS_NM_RAD, command, seed == first) for seed, command in product(seeds, COMMANDS)]
     main.sort(key=lambda case: case.rivals)  # what takes longest comes last
     return main + [Case(first, stiffness, command, True) for stiffness, command in product(OTHERS_NM_RAD, COMMANDS)]
+
+
+def progress_line(outcome: Outcome) -> str:
+    """The case in a line."""
+    ways = ", ".join(f"{way} {outcome.below_db(way):.1f} dB" for way in (FEEDBACK, PREVIEW))
+    return f"{outcome.case}: {ways}"
 
 
 def main() -> None:
@@ -274,15 +279,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), help="cases at a time")
     parser.add_argument("--json", action="store_true", help="data only, on stdout")
     options = parser.parse_args()
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")
-    first, _, last = options.seeds.partition("-")
-    found: list[Outcome] = []
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        for outcome in pool.map(one, cases(int(first), int(last or first))):
-            found.append(outcome)
-            ways = ", ".join(f"{way} {outcome.below_db(way):.1f} dB" for way in (FEEDBACK, PREVIEW))
-            print(f"{outcome.case}: {ways}", file=sys.stderr, flush=True)
+    found = list(carried_out_by(one, cases(seeds_in(options.seeds)), options.jobs, progress_line))
     if options.json:
         json.dump([asdict(outcome) for outcome in found], sys.stdout, indent=2)
         return

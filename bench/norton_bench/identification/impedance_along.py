@@ -23,7 +23,7 @@ from norton_bench.distributions import t_quantile
 from norton_bench.identification.assembly import Machine, Trial
 from norton_bench.identification.path_impedance import EDGE_S, LINEAR, exerted_nm, motions_rad
 from norton_bench.identification.statistics import simplest_as_good
-from norton_bench.identification.trials import low_pass
+from norton_bench.identification.trials import in_band
 
 # Torques are compared below it, nothing above twice that.
 HIGHEST_HZ = 15.0
@@ -101,7 +101,7 @@ def impedance_along(load: Machine, trials: Sequence[Trial], tick_s: float) -> Im
     if not (np.any(np.ptp(motions, axis=0)) and np.any(np.ptp(torques, axis=0))):
         return None
     power = float(np.mean((torques - torques.mean(axis=0)) ** 2))
-    derivatives = [_low_passed(motions - motions.mean(axis=0), tick_s, 2 * HIGHEST_HZ, order) for order in range(3)]
+    derivatives = [in_band(motions - motions.mean(axis=0), tick_s, 2 * HIGHEST_HZ, order) for order in range(3)]
 
     def fitted(basis: _Basis) -> _Fit:
         return _Fit.of(basis, _rows(basis, derivatives, tick_s), torques)
@@ -178,15 +178,8 @@ def _compared(torques: FloatArray, tick_s: float) -> FloatArray:
     Without the mean of each trial: where a shaft rested is known no better than friction held it there.
     """
     edge, step = round(EDGE_S / tick_s), max(int(1.0 / (4.0 * HIGHEST_HZ * tick_s)), 1)
-    inner = _low_passed(torques, tick_s, HIGHEST_HZ, 0)[:, edge : torques.shape[1] - edge : step]
+    inner = in_band(torques, tick_s, HIGHEST_HZ)[:, edge : torques.shape[1] - edge : step]
     return np.asarray(inner - inner.mean(axis=1, keepdims=True))
-
-
-def _low_passed(values: FloatArray, tick_s: float, highest_hz: float, order: int) -> FloatArray:
-    """A derivative below ``highest_hz`` of each row of ``values`` (trials, ticks)."""
-    ticks = values.shape[1]
-    factors = low_pass(2 * ticks, tick_s, highest_hz) * (2j * np.pi * np.fft.rfftfreq(2 * ticks, tick_s)) ** order
-    return np.asarray(np.fft.irfft(factors * np.fft.rfft(values, 2 * ticks), 2 * ticks)[:, :ticks])
 
 
 @dataclass(frozen=True, eq=False)

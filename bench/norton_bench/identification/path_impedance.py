@@ -17,7 +17,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.assembly import Machine, Trial
-from norton_bench.identification.trials import in_band, low_pass
+from norton_bench.identification.trials import in_band
 from norton_bench.models.parameters import HALF_INTERVAL
 
 # Everything below, nothing above twice that: there the differences of motions are far above an encoder's counts.
@@ -86,11 +86,8 @@ def _differences(values: FloatArray, order: int, tick_s: float) -> FloatArray:
 
     Without the mean of each over the movement: where a shaft rested is known no better than friction held it there.
     """
-    ticks, edge = values.shape[1], round(EDGE_S / tick_s)
-    size = 2 * ticks
-    factors = low_pass(size, tick_s, HIGHEST_HZ) * (2j * np.pi * np.fft.rfftfreq(size, tick_s)) ** order
-    spectra = factors * np.fft.rfft(values - values.mean(axis=0), size)
-    inner = np.fft.irfft(spectra, size)[:, edge : ticks - edge]
+    edge = round(EDGE_S / tick_s)
+    inner = in_band(values - values.mean(axis=0), tick_s, HIGHEST_HZ, order)[:, edge : values.shape[1] - edge]
     return np.asarray(inner - inner.mean(axis=1, keepdims=True))
 
 

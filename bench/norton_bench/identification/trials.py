@@ -11,7 +11,7 @@ from math import hypot, log10, sqrt
 
 import numpy as np
 
-from norton_bench.arrays import FloatArray
+from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.counts import resolution_of, unquantised
 from norton_bench.identification.readings import noise_deviation
@@ -153,10 +153,14 @@ def diverge(found: Sequence[TrialFigures]) -> bool:
     return len(last) == 2 and bool(before) and all(found[place].with_noise_nm > WORSE * min(before) for place in last)
 
 
-def in_band(values: FloatArray, tick_s: float) -> FloatArray:
-    """``values`` (ticks,) below TAUGHT_HZ, without any delay; zero before and after."""
-    size = 2 * len(values)
-    return np.fft.irfft(np.fft.rfft(values, size) * low_pass(size, tick_s), size)[: len(values)]
+def in_band(values: FloatArray, tick_s: float, highest_hz: float = TAUGHT_HZ, derivative: int = 0) -> FloatArray:
+    """A derivative of ``values`` (..., ticks) below ``highest_hz``, without any delay; zero before and after."""
+    ticks = values.shape[-1]
+    size = 2 * ticks
+    factors: FloatArray | ComplexArray = low_pass(size, tick_s, highest_hz)
+    if derivative:
+        factors = factors * (2j * np.pi * np.fft.rfftfreq(size, tick_s)) ** derivative
+    return np.asarray(np.fft.irfft(np.fft.rfft(values, size) * factors, size)[..., :ticks])
 
 
 def low_pass(size: int, tick_s: float, highest_hz: float = TAUGHT_HZ) -> FloatArray:

@@ -160,8 +160,8 @@ class Mistakes:
     ) -> None:
         path = [step for step in details["loc"] if step != "[key]"]
         names = [step for step in path if isinstance(step, str)]
-        key = names[-1] if names and path[-1] == names[-1] else ""
-        inner = _model_at(model, names[:-1] if key else names)
+        key = names.pop() if path and isinstance(path[-1], str) else ""
+        inner = _model_at(model, names)
         written = _dig(table, path)
         *tables, last = _counted(path) or [""]
         section = ".".join(filter(None, [where, *tables]))
