@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from enum import IntFlag
+from math import ceil, log
 from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtr
 
 from norton_bench.records import Measured, Table
 from norton_bench.sample import Sample
@@ -33,8 +35,9 @@ class Machine:
 class TorqueReadings:
     """How the torque sensor's readings come and differ.
 
-    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were); None
-    where the noise is less than half a step of the reading, so that they may stay the same for ever.
+    ``longest_repeat`` counts the readings in a row, at rest, that were the same bit for bit (1: no two were), or would
+    have been with the torque in the middle of a step of the readings; None where the noise may be less than a quarter
+    of a step, so that they may stay the same for long.
     ``greatest_step_nm`` is the greatest difference of neighbours while the bench was shaken; None before it was.
     """
 
@@ -71,7 +74,10 @@ EMPTY_MODEL = GuardModel()
 SEEN = 10.0
 # Readings further apart than this many periods are no neighbours.
 NEIGHBOURS = 1.5
-HALF_STEP = 0.5
+# Of readings with noise of a quarter of a step 95 % are the same in the middle of a step, some hundred in a row.
+LEAST_NOISE = 0.25  # steps
+MOST_NOISE = 2.0  # steps; with more, where the torque lies in a step makes no difference
+LIKELY = 1.92  # of the log likelihood, with 95 %
 
 
 # What the guard relies on, read from what was measured while all was well.
@@ -86,7 +92,7 @@ def torque_readings(at_rest: Measured, shaken: Measured | None) -> TorqueReading
         bias_nm=float(np.mean(torque_nm)),
         noise_nm=float(np.std(torque_nm)),
         period_s=period_s,
-        longest_repeat=_longest_repeat(torque_nm) if _shows_noise(torque_nm) else None,
+        longest_repeat=_longest_repeat(torque_nm),
         greatest_step_nm=None if shaken is None else _greatest_step_nm(shaken.torque, period_s),
     )
 
@@ -118,15 +124,33 @@ def still_swing_nm(measured: Measured) -> float:
     return float(np.max(np.maximum.reduceat(torque_nm, stands) - np.minimum.reduceat(torque_nm, stands), initial=0.0))
 
 
-def _shows_noise(values: npt.NDArray[np.float64]) -> bool:
-    """Whether the noise is at least half a step of the readings: by that a living sensor keeps changing."""
-    steps = np.abs(np.diff(values))
-    return bool(np.any(steps > 0.0) and np.std(values) >= HALF_STEP * np.min(steps[steps > 0.0]))
-
-
-def _longest_repeat(values: npt.NDArray[np.float64]) -> int:
+def _longest_repeat(values: npt.NDArray[np.float64]) -> int | None:
+    """See ``TorqueReadings``: the run that is to be expected in as many readings, in the middle of a step."""
+    noise = _least_noise_in_steps(values)
+    if noise < LEAST_NOISE:
+        return None
     changes = np.flatnonzero(np.diff(values) != 0.0)
-    return int(np.max(np.diff(np.concatenate([[-1], changes, [len(values) - 1]]))))
+    seen = int(np.max(np.diff(np.concatenate([[-1], changes, [len(values) - 1]]))))
+    if noise >= MOST_NOISE:
+        return seen
+    same = 2.0 * ndtr(0.5 / noise) - 1.0
+    return max(seen, ceil(log(len(values) * (1.0 - same)) / -log(same)))
+
+
+def _least_noise_in_steps(values: npt.NDArray[np.float64]) -> float:
+    """The least deviation, in steps of the readings, with which a normal noise explains them (95 %)."""
+    differences = np.abs(np.diff(np.unique(values)))
+    if not len(differences):
+        return 0.0
+    steps = np.rint((values - np.min(values)) / np.min(differences)).astype(int)
+    if np.std(steps) > MOST_NOISE:
+        return MOST_NOISE
+    levels, counts = np.unique(steps, return_counts=True)
+    noise = np.geomspace(0.02, MOST_NOISE, 60)[:, None, None]
+    middle = np.mean(steps) + np.linspace(-0.5, 0.5, 41)[None, :, None]
+    seen = ndtr((levels + 0.5 - middle) / noise) - ndtr((levels - 0.5 - middle) / noise)
+    likelihood = np.max(np.log(np.maximum(seen, 1e-300)) @ counts, axis=1)
+    return float(noise[np.flatnonzero(likelihood >= np.max(likelihood) - LIKELY)[0], 0, 0])
 
 
 def _greatest_step_nm(torque: Table, period_s: float) -> float | None:
