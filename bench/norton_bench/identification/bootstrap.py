@@ -17,7 +17,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.joint_fit import solve_again
+from norton_bench.identification.joint_fit import left_beside, solve_again
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
 from norton_bench.identification.rows import Rows
@@ -49,6 +49,8 @@ Physical = Callable[[Solution], tuple[FloatArray, FloatArray]]
 # Simulated records of one fit. The deviation of a parameter is then known to within a fifth; Student's distribution
 # allows for that.
 DRAWS = 12
+# And so many, before, of what the fit leaves where only the torque's readings have no errors: known to a tenth.
+OTHER_DRAWS = 4
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,9 @@ class ErrorsSeen:
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
-    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``); that moved the
-    fit's values by ``ringing_moved`` (9,), in the order of ``physical``: those of the motor without a joint.
+    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``). Its amplitude is
+    not known for certain: that puts the fit's values off by ``ringing_off`` (9,), rms, in the order of ``physical``:
+    those of the motor without a joint.
     ``errors_seen`` is what another encoder tells of the errors of the motion's readings, if it does.
     """
 
@@ -83,7 +86,7 @@ class Readings:
     draws: int = DRAWS
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
-    ringing_moved: FloatArray | None = None
+    ringing_off: FloatArray | None = None
     errors_seen: ErrorsSeen | None = None
 
 
@@ -217,15 +220,20 @@ class Simulation:
         variance_std = float(np.hypot(seen.variance_std, shown.variance_std))
         errors = ReadingErrors(noise_nm, seen.steps, jitter_s, variance_std)
         rate_nm_s = np.gradient(port_nm, self.torque.time_s)[self._is_simulated]
-        return replace(bench, torque_errors=errors.no_more_than(self._left_nm2, rate_nm_s))
+        return replace(bench, torque_errors=errors.no_more_than(bench._left_of_torque_nm2(random), rate_nm_s))
 
-    @property
-    def _left_nm2(self) -> float:
-        """The variance of white errors of torque readings that alone would leave all that the fit leaves in its band:
-        none of them is greater. Ringing that no simulation knows is in the readings, but faster than the band."""
-        regression, tick_s = self.solution.regression, self.readings.tick_s
-        in_band = float(np.mean(self.solution.innovation**2)) / regression.white_energy
-        return in_band / regression.rows[0].kernel.energy(0) * tick_s / self.torque.period_s
+    def _left_of_torque_nm2(self, random: np.random.Generator) -> float:
+        """The variance of white errors of torque readings that, beside all other errors, would leave what the fit
+        leaves in its band: none of them is greater. Ringing that no simulation knows is in the readings, but faster
+        than the band. ``self`` has no errors of the torque readings."""
+        regression, readings = self.solution.regression, self.readings
+        of_others = [
+            left_beside(signals(self.record(random), readings.tick_s, readings.use), self.solution)
+            for _ in range(OTHER_DRAWS)
+        ]
+        left = float(np.mean(self.solution.innovation**2)) - float(np.mean(of_others))
+        energy = regression.white_energy * regression.rows[0].kernel.energy(0)
+        return max(left, 0.0) / energy * readings.tick_s / self.torque.period_s
 
     @property
     def stretches(self) -> tuple[Signals, ...]:

@@ -243,14 +243,14 @@ def _simulated(
 ) -> tuple[FloatArray, FloatArray, Simulated]:
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before.
 
-    Ringing is faster than anything that was measured of the motors: what its subtraction changes is known as a bias is
-    (``Scatter.bias_std``), over and above how well the readings tell the spring.
+    Ringing is faster than anything that was measured of the motors: what its subtraction changes is known as well as
+    its amplitude, over and above how well the readings tell the spring.
     """
     scatter = scatter_of(bench, values, physical)
     of_residual = stated_by_name(bench.solution, values, covariance)
     of_ringing = np.zeros(values.size)
-    if (moved := bench.readings.ringing_moved) is not None:
-        of_ringing[: moved.size] = moved / np.sqrt(3.0)
+    if (off := bench.readings.ringing_off) is not None:
+        of_ringing[: off.size] = off
     repeated_std, excess = (
         dict(zip(of_residual, each.tolist(), strict=True))
         for each in (np.hypot(scatter.bias_std, of_ringing), scatter.excess(covariance))

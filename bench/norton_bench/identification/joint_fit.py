@@ -188,6 +188,14 @@ def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     )
 
 
+def left_beside(stretches: tuple[Signals, ...], near: Solution) -> float:
+    """What the solution ``near`` leaves of another record of the same experiment, as its own least squares sees it:
+    mean square. With or without a joint."""
+    if isinstance(near.regression, JointRegression):
+        return float(np.mean(solve_again(stretches, near).innovation ** 2))
+    return separable.left_beside(stretches, near)
+
+
 def _plain(regression: Regression) -> Regression:
     """Of a motor without a joint, with no filter for what counts leave unknown."""
     rows = tuple(replace(each, friction_error=None) for each in regression.rows)

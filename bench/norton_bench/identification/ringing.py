@@ -44,6 +44,8 @@ MOST_STARTS, MOST_STEPS = 3, 20
 # The first fit is biased by the ringing, and with it the estimate of the ringing; the later ones are not.
 ROUNDS = 3
 SETTLED = 0.05  # of the logarithm of the likelihood
+# Of the subtracted ringing's amplitude, before the residual is looked at: anything between none and twice as much.
+AMPLITUDE_VARIANCE = 1.0 / 3.0
 # For slopes: of the logarithms of stiffness and damping, delays [s], logarithms of amplitudes.
 PROBES = np.array([1e-3, 1e-2, 1e-6, 1e-6, 1e-2, 1e-2])
 LONGEST_STEP = np.array([0.1, 1.0, 1e-4, 1e-4, 0.5, 0.5])
@@ -171,14 +173,29 @@ def without_ringing(
         springs = fitted_springs(simulation, coupling, springs)
         if not springs:
             return as_read
-        ringing_nm = Ringing.of(simulation.over(unseen), springs[0], stretches).of_spring(springs[0])
+        ringing = Ringing.of(simulation.over(unseen), springs[0], stretches)
+        ringing_nm = ringing.of_spring(springs[0])
         measured = _less(readings.measured, ringing_nm)
         quiet = replace(readings, measured=measured, coupling=springs[0], ringing_nm=ringing_nm)
         stretches = signals(measured, readings.tick_s, readings.use)
         solution = solve_again(stretches, solution)
         if not solution.converged:
             return as_read
-    return replace(quiet, ringing_moved=physical(solution)[0] - before), stretches, solution
+    off = amplitude_off(ringing, ringing_nm, solution)
+    return replace(quiet, ringing_off=off * (physical(solution)[0] - before)), stretches, solution
+
+
+def amplitude_off(ringing: Ringing, ringing_nm: FloatArray, solution: Solution) -> float:
+    """By how much the amplitude of a ringing (readings,) that was subtracted is wrong, relative, rms: as far as the
+    residual of the ``solution`` tells it."""
+    regression = solution.regression
+    white = regression.white(ringing.rows(ringing_nm, regression.rows[0].kernel)[None, :])[0]
+    unknowns = np.linalg.qr(solution.jacobian)[0]
+    own = white - unknowns @ (unknowns.T @ white)
+    variance = regression.alike * float(np.mean(solution.innovation**2))
+    precision = float(own @ own) / variance + 1.0 / AMPLITUDE_VARIANCE
+    off = float(own @ solution.innovation) / variance / precision
+    return float(np.sqrt(1.0 / precision + off**2))
 
 
 def remark_on(readings: Readings, inertia_kgm2: float) -> tuple[str, ...]:

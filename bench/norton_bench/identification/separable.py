@@ -107,12 +107,22 @@ def solve(
 
 def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     """The same fit of another record of the same experiment, whose solution is ``near``: same band, same cogging."""
+    return _iterated(_beside(stretches, near), within=CONVERGED_STEP)
+
+
+def left_beside(stretches: tuple[Signals, ...], near: Solution) -> float:
+    """What ``near`` leaves of another record of the same experiment, as its own least squares sees it: mean square."""
+    return float(np.mean(_beside(stretches, near).innovation ** 2))
+
+
+def _beside(stretches: tuple[Signals, ...], near: Solution) -> "_At":
+    """Another record of the same experiment, at the shape of ``near``."""
     before = near.regression
     regression = Regression.of(stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging)
     regression = before.terms_of(regression).recounted(near.shape)
     at = _At.of(regression, near.shape)
     white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual, before.whitening)
-    return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
+    return _At.solved(white, near.shape, at.columns, at.memory)
 
 
 def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -> Solution:

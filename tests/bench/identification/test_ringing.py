@@ -16,7 +16,7 @@ from norton_bench.identification.live import LiveIdentifier
 from norton_bench.identification.loops import oscillator_with_contact
 from norton_bench.identification.model_error import folded_ringing
 from norton_bench.identification.motor_values import physical
-from norton_bench.identification.ringing import Ringing, remark_on, without_ringing
+from norton_bench.identification.ringing import Ringing, amplitude_off, remark_on, without_ringing
 from norton_bench.identification.separable import solve_again
 from norton_bench.identification.signals import FINE, sent_at_s, signals
 from norton_bench.identification.simulated_bench import FINEST, PORT, SUBSTEPS, Contact, across_step, even_grid
@@ -171,11 +171,27 @@ def test_parameters_biased_by_ringing_are_corrected(resonance_hz, presliding_dam
 
     assert worst_error(before) > 10.0
     assert worst_error(after) < 5.0
-    assert quiet.ringing_moved == pytest.approx(physical(after)[0] - physical(before)[0])
+    moved = physical(after)[0] - physical(before)[0]
+    share = quiet.ringing_off / moved
+    assert share == pytest.approx(share[0])  # of one amplitude
+    assert 0.0 < share[0] < 0.1
     result = result_of(stretches, after, command_unit="N*m", readings=replace(quiet, draws=2))
-    for estimate, true, moved in zip(result.estimates, truth.array(), quiet.ringing_moved, strict=False):
+    for estimate, true, off in zip(result.estimates, truth.array(), quiet.ringing_off, strict=False):
         assert abs(estimate.value - true) < 3.0 * estimate.std
-        assert estimate.std > abs(moved) / np.sqrt(3.0)
+        assert estimate.std > abs(off)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("too_great", [1.0, 1.2])
+def test_how_well_the_subtracted_amplitude_is_known_is_told_by_what_is_left(brief, result_of_brief, too_great):
+    spring = coupling(0.985 * RESONANCE_HZ).damped(0.02, Truth().inertia)
+    bench = simulation(result_of_brief, spring)
+    ringing = Ringing.of(bench, spring, bench.stretches)
+    own_nm = ringing.of_spring(spring)
+    less = replace(brief, torque=brief.torque.copy())
+    less.torque["torque_nm"] -= (too_great - 1.0) * own_nm
+    solution = solve_again(signals(less, TICK_S, Use.IDENTIFY), bench.solution)
+    assert amplitude_off(ringing, own_nm, solution) == pytest.approx(too_great - 1.0, abs=0.05)
 
 
 @pytest.mark.long
