@@ -60,7 +60,7 @@ def fit_load(measured: Measured, tick_s: float, use: Use = Use.CALIBRATE) -> Loa
     measured = cleaned.measured
     load, actuator = _of_both(measured, tick_s, use)
     result = fit_machine(load, cleaned.findings)
-    spring = _spring(load, actuator, result.motion_delay_s)
+    spring = _spring(load, actuator, result.motion_delay_s, result.motion_delay_std_s)
     # Of the coarser: a controller must not take the other's steps for a twist.
     both = measured.load_motion, measured.motion
     step_rad = max(resolution_of(table["position_rad"]).width for table in both)
@@ -143,31 +143,34 @@ def _hanging(load: tuple[Signals, ...], findings: Findings) -> FitResult | None:
 
 
 def _spring(
-    load: tuple[Signals, ...], actuator: tuple[Signals, ...], load_delay_s: float
+    load: tuple[Signals, ...], actuator: tuple[Signals, ...], load_delay_s: float, load_delay_std_s: float
 ) -> tuple[float, float, float, float]:
     """Stiffness and its deviation, damping and its deviation, from twist against torque.
 
-    The twist is a few counts, so it is the noisy one, and is explained by the torque rather than the other way. The
-    actuator's encoder has a delay of its own: by how much its motion is to be moved is one more linear unknown,
-    solved for again and again.
+    The twist is a few counts, so it is the noisy one, and is explained by the torque rather than the other way: it
+    follows the torque over the stiffness, later by damping over stiffness (far below the rates at which that is a lag).
+    An error of the load's delay looks the same. The actuator's encoder has a delay of its own: by how much its motion
+    is to be moved is one more linear unknown, solved for again and again.
     """
     regression = Regression.of(actuator, FULL_BAND)
     torque, time_s = regression.target(), regression.time_s()
+    rate = regression.chosen([rows.torque_derivatives((1,))[0] for rows in regression.rows])
     delay_s = load_delay_s
     for _ in range(DELAY_STEPS):
         parts = [_twist(a, b, load_delay_s, delay_s) for a, b in zip(actuator, load, strict=True)]
-        twist, rate, velocity = np.concatenate(parts, axis=1)
+        twist, velocity = np.concatenate(parts, axis=1)
         # Each stretch counts its twist from its own beginning.
         begins = np.repeat(np.eye(len(parts)), [part.shape[1] for part in parts], axis=1)
         columns = np.stack([torque, -rate, -velocity, *begins])
         solution = linear_solution(columns, twist)
-        compliance, relaxation_s, shift_s = solution[:3]
+        compliance, later_rad_s_nm, shift_s = solution[:3]
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)
     compliance, uncertain = above_zero(float(compliance), float(np.sqrt(covariance[0, 0])))
     stiffness = 1.0 / compliance
-    damping_deviation = np.sqrt(covariance[1, 1]) * stiffness
-    return float(stiffness), float(uncertain * stiffness**2), float(relaxation_s * stiffness), float(damping_deviation)
+    damping = float(later_rad_s_nm) * stiffness**2
+    damping_std = np.hypot(np.sqrt(covariance[1, 1]) * stiffness**2, load_delay_std_s * stiffness)
+    return stiffness, uncertain * stiffness**2, damping, float(damping_std)
 
 
 def above_zero(value: float, std: float) -> tuple[float, float]:
@@ -182,11 +185,11 @@ def above_zero(value: float, std: float) -> tuple[float, float]:
 
 
 def _twist(actuator: Signals, load: Signals, load_delay_s: float, actuator_delay_s: float) -> FloatArray:
-    """Twist, its rate and the actuator's velocity, filtered, where the actuator is usable: shape (3, samples)."""
+    """Twist and the actuator's velocity, filtered, where the actuator is usable: shape (2, samples)."""
     first, second = Rows(actuator, FULL_BAND), Rows(load, FULL_BAND)
     a = first.position(replace(STILL, motion_delay_s=actuator_delay_s))
     b = second.position(replace(STILL, motion_delay_s=load_delay_s))
     number = np.round((actuator.time_s - load.time_s[0]) / load.tick_s).astype(np.int64)
-    twist, rate = a - b[:, np.clip(number, 0, load.time_s.size - 1)]
+    twist = a[0] - b[0, np.clip(number, 0, load.time_s.size - 1)]
     usable = first.usable
-    return np.stack([twist - twist[usable][0], rate, a[1]])[:, usable]
+    return np.stack([twist - twist[usable][0], a[1]])[:, usable]
