@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
+from norton_bench.errors import ExperimentError
 from norton_bench.gallery import motor_experiments as done
 from norton_bench.gallery.claim import (
     Estimated,
@@ -26,6 +28,25 @@ from norton_bench.identification.branches import REST_SHARE
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import ACCENT, MEASURED, MUTED, PREDICTED, figure
 from norton_bench.report.words import pretty_unit
+
+# Of each ramp the middle is looked at, in so many parts.
+MIDDLE_SHARE, MIDDLE_PARTS = 0.6, 6
+# In ticks. Torque and position that arrive together were read no further apart than this; and what a command does is
+# seen so much later: a tick, two wires, and the torque sensor's averaging.
+APART, SEEN_LATE = 1.0, 3.0
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """The middle of one ramp, as if all of it had been done in the positive direction.
+
+    ``deviation_rad_s`` and ``torque_nm`` are those of its parts, (MIDDLE_PARTS,); ``rate_rad_s2`` is how fast the
+    source's velocity changes less the port's.
+    """
+
+    deviation_rad_s: FloatArray
+    torque_nm: FloatArray
+    rate_rad_s2: float
 
 
 @dataclass(frozen=True)
@@ -85,6 +106,48 @@ class MotorExperiment:
         return {with_command: np.array(result) for with_command, result in table.items()}
 
     @cached_property
+    def parted(self) -> dict[str, list[tuple[Ramp, ...]]]:
+        """The ramps of each movement, for those in which the port's velocity changed and the source's."""
+        result: dict[str, list[tuple[Ramp, ...]]] = {done.OF_PORT: [], done.OF_SOURCE: []}
+        for segment in self.experiment.measured.segments:
+            if segment.procedure == done.SameDeviation.name:
+                moving, side = segment.name.split()
+                begins_ns = segment.start_ns + round(1e9 * done.PART_LEAD_S)
+                ramps = (self._ramp(begins_ns, number, float(side)) for number in range(done.PART_RAMPS))
+                result[moving].append(tuple(ramps))
+        return result
+
+    def inertia(self, moving: str) -> Estimated:
+        """Torque beside B (ω_N − ω), over the acceleration of what moves: what it is in the mean of the movements."""
+        return mean([self._inertia(ramps) for ramps in self.parted[moving]])
+
+    def _inertia(self, ramps: tuple[Ramp, ...]) -> float:
+        deviation = np.array([np.mean(each.deviation_rad_s) for each in ramps])
+        torque = np.array([np.mean(each.torque_nm) for each in ramps])
+        rate = np.array([each.rate_rad_s2 for each in ramps])
+        beside = torque + self.steady_line.slope.value * (deviation - np.mean(deviation))
+        return float(np.polyfit(rate, beside, 1)[0])
+
+    def _ramp(self, begins_ns: int, number: int, side: float) -> Ramp:
+        skipped = 0.5 * (1.0 - MIDDLE_SHARE)
+        edges_s = done.PART_RAMP_S * (number + np.linspace(skipped, 1.0 - skipped, MIDDLE_PARTS + 1))
+        edges_ns = begins_ns + np.round(1e9 * edges_s).astype(np.int64)
+        middle = self.experiment.measured.between(int(edges_ns[0]), int(edges_ns[-1]))
+        torque = middle.torque[middle.torque["valid"]]
+        if min(len(middle.motion), len(torque), len(middle.ticks)) < 2 * MIDDLE_PARTS:
+            raise ExperimentError(f'a ramp of "{done.SameDeviation.name}" was hardly recorded; run it again')
+        time_s = (0.5 * (edges_ns[1:] + edges_ns[:-1]) - begins_ns) * 1e-9
+        position = np.polyfit((middle.motion["arrival_ns"] - begins_ns) * 1e-9, middle.motion["position_rad"], 2)
+        command = np.polyfit((middle.ticks["tick_ns"] - begins_ns) * 1e-9, middle.ticks["command"], 1)
+        source_rad_s = np.array([self.source_rad_s(each) for each in np.polyval(command, time_s)])
+        deviation_rad_s = side * (source_rad_s - np.polyval(np.polyder(position), time_s))
+        rate_rad_s2 = side * (self.gain * command[0] / self.damping - 2.0 * position[0])
+        parts = np.searchsorted(torque["arrival_ns"], edges_ns)
+        means = [np.mean(torque["torque_nm"][first:last]) for first, last in pairwise(parts)]
+        zero_nm = self.experiment.torque_zero_nm
+        return Ramp(deviation_rad_s, side * (np.array(means) - zero_nm), float(rate_rad_s2))
+
+    @cached_property
     def stop_command(self) -> float:
         result = self._looks(done.SlowStops.name, done.STOP_LOOK_S)
         return float(np.mean([abs(each.command) for each in result]))
@@ -102,7 +165,13 @@ class MotorExperiment:
 def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
     motor = MotorExperiment(experiment)
-    return (thevenin_and_norton(motor), three_branches(motor), steady_torque(motor), slow_approach(motor))
+    return (
+        thevenin_and_norton(motor),
+        three_branches(motor),
+        steady_torque(motor),
+        inertial_frame(motor),
+        slow_approach(motor),
+    )
 
 
 def thevenin_and_norton(motor: MotorExperiment) -> Shown:
@@ -183,6 +252,29 @@ def steady_torque(motor: MotorExperiment) -> Shown:
         rows,
         partial(draw_steady_torque, motor),
         "Mean torque at imposed velocities under one command (half differences of both directions), and closed form.",
+    )
+
+
+def inertial_frame(motor: MotorExperiment) -> Shown:
+    name, inertia = "inertial frame", motor.experiment.true["inertia"]
+    # The amplifier's lag delays the source behind its command.
+    lag_s, tick_s = 1.0 / motor.experiment.true["amplifier_bandwidth"], motor.experiment.rig.tick_s
+    of_port = wider(motor.inertia(done.OF_PORT), motor.damping * APART * tick_s)
+    of_source = wider(motor.inertia(done.OF_SOURCE), motor.damping * (SEEN_LATE * tick_s + lag_s))
+    rows = (
+        row(name, "inertia shown, the port accelerates", "kg*m^2", inertia, of_port, 0.0),
+        row(name, "inertia shown, the source accelerates", "kg*m^2", 0.0, of_source, inertia),
+    )
+    return Shown(
+        name,
+        "Inertial torque is not a function of ω_N − ω",
+        "IV.D",
+        "Port and source part by the same, and as fast: once the port accelerates, and once the source does. The "
+        "torque of inertia follows the port's motion alone.",
+        rows,
+        partial(draw_inertial_frame, motor),
+        "Torque while port and source part and meet again. Left: the port's velocity goes up and down. Right: the "
+        "source's. Closed form: B (ω_N − ω) − Im dω/dt.",
     )
 
 
@@ -272,6 +364,27 @@ def draw_steady_torque(motor: "MotorExperiment") -> Figure:
     axes.set_xlabel("imposed velocity [rad/s]")
     axes.set_ylabel("torque at the port [N·m]")
     legend(axes)
+    return picture
+
+
+def draw_inertial_frame(motor: "MotorExperiment") -> Figure:
+    picture = figure(3.3)
+    panels = picture.subplots(1, 2, sharey=True)
+    titles = ((done.OF_PORT, "The port accelerates"), (done.OF_SOURCE, "The source accelerates"))
+    for axes, (moving, title) in zip(panels, titles, strict=True):
+        ramps = [each for movement in motor.parted[moving] for each in movement]
+        for sign, marker, meaning in ((1.0, "^", "parting"), (-1.0, "v", "meeting")):
+            chosen = [each for each in ramps if sign * each.rate_rad_s2 > 0.0]
+            deviation = np.mean([np.sort(each.deviation_rad_s) for each in chosen], axis=0)
+            torque = np.mean([each.torque_nm[np.argsort(each.deviation_rad_s)] for each in chosen], axis=0)
+            rate = float(np.mean([each.rate_rad_s2 for each in chosen])) if moving == done.OF_PORT else 0.0
+            closed = motor.damping * deviation + motor.experiment.true["inertia"] * rate
+            axes.plot(deviation, closed, color=PREDICTED, label="closed form" if sign > 0 else None)
+            _points(axes, deviation, torque, marker, meaning)
+        axes.set_title(title)
+        axes.set_xlabel("ω_N − ω [rad/s]")
+    panels[0].set_ylabel("torque at the port [N·m]")
+    panels[1].legend(loc="upper left")
     return picture
 
 

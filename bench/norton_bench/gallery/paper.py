@@ -10,7 +10,7 @@ from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.gallery import gravity, in_situ, motor, muscle, spring
 from norton_bench.gallery.claim import LEVEL, PaperExperiment, Row, Shown
 from norton_bench.gallery.gravity import TwoPorts
-from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
+from norton_bench.gallery.motor_experiments import FreeLevels, SameDeviation, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.knowledge import Adaptive, Procedure
@@ -124,12 +124,12 @@ class Entry:
 CATALOGUE: Mapping[str, Entry] = {
     "motor": Entry(
         "sim-odrive",
-        (FreeLevels(), SteadySpeeds(), SlowStops()),
+        (FreeLevels(), SteadySpeeds(), SameDeviation(), SlowStops()),
         motor.claims,
     ),
     "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle.claims),
     "arms": Entry("sim-gravity", (TwoPorts(),), gravity.claims),
-    "spring": Entry("sim-variable-stiffness", (spring.EXPERIMENT,), spring.claims),
+    "spring": Entry("sim-variable-stiffness", (spring.EXPERIMENT, spring.MovingSource()), spring.claims),
     "in situ": Entry("sim-odrive", (in_situ.EXPERIMENT,), in_situ.claims),
 }
 

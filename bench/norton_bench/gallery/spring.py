@@ -1,21 +1,29 @@
-"""The claim of sections IV.B and VI about a second input: π sets the impedance and leaves the source alone."""
+"""The claims about a spring behind a place that a drive holds: a second input sets the impedance and leaves the source
+alone (IV.B, VI), and without the source's motion the impedance cannot be told (VI.E)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
 from norton_bench.identification.exertion_table import ExertionTable, exertion_table
+from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.modulated import WAY, ModulatedProcedure
 from norton_bench.procedures.options import TabulateImpedanceOptions
 from norton_bench.procedures.tabulate_impedance import TabulateImpedanceProcedure
+from norton_bench.procedures.waves import from_velocity, hold, imposed, ramp, zero_torque
+from norton_bench.records import Measured, SegmentInfo, Table
 from norton_bench.report.figures_network import legend
 from norton_bench.report.svg import MEASURED, MUTED, PREDICTED, figure
+from norton_bench.rig.rig import Rig
+from norton_bench.segments import Use
 
 MODULATIONS = (0.0, 2.0, 4.0)  # in the rig's unit, N m/rad
 ROUNDS = 5
@@ -24,6 +32,73 @@ TABULATION = TabulateImpedanceProcedure(
     TabulateImpedanceOptions(commands=1, lowest=0.5, highest=0.5, steps=2, hold_s=0.3, shake_rad=0.0, sweep_rad_s=0.0)
 )
 EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
+
+# The source swings by so much about so many radians, and the port by these multiples of it: behind it, and ahead of it.
+SWING_RAD, ABOUT_RAD, SWING_S = 0.1, 0.15, 2.0
+PORT_SHARES = (0.5, 2.0)
+LEAD_S = 0.4
+ALONE = "source"
+
+
+@dataclass(frozen=True)
+class MovingSource:
+    """The source moves, and the port with it: free of torque, then by less, and by more, under the same command."""
+
+    rounds: int = 4
+    name: ClassVar[str] = "gallery moving source"
+
+    def require(self, rig: Rig) -> None:
+        require_load(rig, self.name, "to move the port")
+
+    def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
+        return known
+
+    def duration_s(self, rig: Rig) -> float:
+        return self.rounds * 2 * len(PORT_SHARES) * (LEAD_S + SWING_S) + 2 * LEAD_S
+
+    def plan(self, known: Knowledge) -> Plan:
+        tick_s = known.tick_s
+        phase = 2 * np.pi * np.arange(1, round(SWING_S / tick_s) + 1) * tick_s / SWING_S
+        lead = hold(0.0, LEAD_S, tick_s)
+        # Up and down again from its lowest place, at rest at both ends.
+        swing = np.concatenate([lead, 0.5 * SWING_RAD * (1.0 - np.cos(phase))])
+        velocity = np.concatenate([lead, np.pi * SWING_RAD / SWING_S * np.sin(phase)])
+        command = ABOUT_RAD + swing
+        yield zero_torque(self.name, "way", Use.PREPARE, ramp(0.0, ABOUT_RAD, LEAD_S, tick_s), known.rig)
+        for _ in range(self.rounds):
+            for share in PORT_SHARES:
+                yield zero_torque(self.name, ALONE, Use.PREPARE, command, known.rig)
+                motion = from_velocity(share * velocity, tick_s)
+                yield imposed(self.name, f"{share:g}", Use.PREPARE, command, motion)
+        yield zero_torque(self.name, "way", Use.PREPARE, ramp(ABOUT_RAD, 0.0, LEAD_S, tick_s), known.rig)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """One imposed movement while the source moved, at the torque's readings (n,); ``source_rad`` is that of the
+    movement before, free of torque but for ``left_nm``, under the same ``command_rad``."""
+
+    share: float
+    command_rad: FloatArray
+    port_rad: FloatArray
+    source_rad: FloatArray
+    torque_nm: FloatArray
+    left_nm: FloatArray
+
+    @property
+    def stiffness_nm_rad(self) -> float:
+        """Of the torque against the deviation from the source."""
+        return float(np.polyfit(self.source_rad - self.port_rad, self.torque_nm - self.left_nm, 1)[0])
+
+    @property
+    def apparent_nm_rad(self) -> float:
+        """Of the torque against the motion of the port, as if the source stood."""
+        return float(-np.polyfit(self.port_rad, self.torque_nm, 1)[0])
+
+    @property
+    def source_share(self) -> float:
+        """How far the source, which follows its command, went of the way that the port did go."""
+        return float(np.polyfit(self.port_rad, self.command_rad, 1)[0])
 
 
 @dataclass(frozen=True)
@@ -55,15 +130,53 @@ class VariableSpring:
         return 1 / (1 / spring + 1 / true["servo_stiffness"])
 
     def left_open_nm_rad(self, modulation: float) -> float:
-        """What the motor's friction leaves open of it: its position loop may stop short of either end, by τc over k."""
+        """What the motor's friction leaves open of it, over the reach of the tabulation."""
         reach_rad = min(np.ptp([held.displacement_rad for held in visit.held]) for visit in self.of(modulation))
+        return self.left_open_over_nm_rad(modulation, float(reach_rad))
+
+    def left_open_over_nm_rad(self, modulation: float, reach_rad: float) -> float:
+        """The same over any reach: the position loop may stop short of either end, by τc over k."""
         short_rad = self.experiment.true["motor_coulomb_torque"] / self.experiment.true["servo_stiffness"]
-        return self.stiffness_nm_rad(modulation) * 2 * short_rad / float(reach_rad)
+        return self.stiffness_nm_rad(modulation) * 2 * short_rad / reach_rad
+
+    @cached_property
+    def swings(self) -> tuple[Swing, ...]:
+        return tuple(self._swings())
+
+    def _swings(self) -> Iterator[Swing]:
+        segments = [each for each in self.experiment.measured.segments if each.procedure == MovingSource.name]
+        for before, segment in pairwise(segments):
+            if before.name == ALONE:
+                yield self._swing(before, segment)
+
+    def _swing(self, before: SegmentInfo, segment: SegmentInfo) -> Swing:
+        begins_ns = segment.start_ns + round(1e9 * LEAD_S)
+        measured = self.experiment.measured
+        swing, torque = measured.between(begins_ns, begins_ns + round(1e9 * SWING_S)), _valid(measured.torque)
+        torque_ns, torque_nm = (_valid(swing.torque)[each] for each in ("arrival_ns", "torque_nm"))
+        if len(torque_ns) < 3:
+            raise ExperimentError(f'"{MovingSource.name}" was hardly recorded; run it again')
+        earlier_ns = torque_ns - segment.start_ns + before.start_ns
+        motion_ns, position_rad = measured.motion["arrival_ns"], measured.motion["position_rad"]
+        return Swing(
+            share=float(segment.name),
+            command_rad=np.interp(torque_ns, swing.ticks["tick_ns"], swing.ticks["command"]),
+            port_rad=np.interp(torque_ns, motion_ns, position_rad),
+            source_rad=np.interp(earlier_ns, motion_ns, position_rad),
+            torque_nm=np.asarray(torque_nm, dtype=np.float64),
+            left_nm=np.interp(earlier_ns, torque["arrival_ns"], torque["torque_nm"]),
+        )
+
+
+def _valid(torque: Table) -> Table:
+    valid: Table = torque[torque["valid"]]
+    return valid
 
 
 def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
-    return (one_source_many_springs(VariableSpring(experiment)),)
+    spring = VariableSpring(experiment)
+    return one_source_many_springs(spring), unknown_source(spring)
 
 
 def one_source_many_springs(spring: VariableSpring) -> Shown:
@@ -90,6 +203,62 @@ def one_source_many_springs(spring: VariableSpring) -> Shown:
         "Torque of the port held beside its source, under one command and three modulations, in the first round; lines "
         "are the closed forms, which all cross zero at the source.",
     )
+
+
+def unknown_source(spring: VariableSpring) -> Shown:
+    name, modulation = "unknown source", MODULATIONS[0]
+    true = spring.stiffness_nm_rad(modulation)
+    # What turns between spring and port swings with the port.
+    inertial = spring.experiment.true["output_inertia"] * (2 * np.pi / SWING_S) ** 2
+    rows = []
+    for share in PORT_SHARES:
+        swings = [each for each in spring.swings if each.share == share]
+        apparent = mean([each.apparent_nm_rad for each in swings])
+        apparent = wider(apparent, spring.left_open_over_nm_rad(modulation, share * SWING_RAD))
+        expected = true * (1.0 - float(np.mean([each.source_share for each in swings]))) - inertial
+        what = f"stiffness as if the source stood, port {share:g} times as far"
+        rows.append(row(name, what, "N*m/rad", expected, apparent, true))
+    least_reach = min(abs(1.0 - share) for share in PORT_SHARES) * SWING_RAD
+    found = mean([each.stiffness_nm_rad for each in spring.swings])
+    found = wider(found, spring.left_open_over_nm_rad(modulation, least_reach))
+    rows.append(row(name, "stiffness about the source's own motion", "N*m/rad", true - inertial, found, 0.0))
+    return Shown(
+        name,
+        "Without the source's motion, the impedance is anything",
+        "VI.E",
+        "A port that moves while the source does shows a torque from which any stiffness follows, a negative one too. "
+        "The source, found free of torque under the same command, makes it one again.",
+        tuple(rows),
+        partial(draw_unknown_source, spring),
+        "Torque while source and port both move. Left: against the motion of the port. Right: against its deviation "
+        "from the source. Lines are the closed forms.",
+    )
+
+
+def draw_unknown_source(spring: "VariableSpring") -> Figure:
+    picture = figure(3.3)
+    panels = picture.subplots(1, 2, sharey=True)
+    true = spring.stiffness_nm_rad(MODULATIONS[0])
+    for marker, share in zip("ov", PORT_SHARES, strict=True):
+        swing = next(each for each in spring.swings if each.share == share)
+        apparent = true * (1.0 - swing.source_share)
+        port, deviation = swing.port_rad - swing.port_rad[0], swing.port_rad - swing.source_rad
+        every = slice(None, None, max(1, port.size // 40))
+        for axes, away, stiffness in zip(panels, (port, deviation), (apparent, true), strict=True):
+            reach = np.array([np.min(away), np.max(away)])
+            line = np.mean(swing.torque_nm) - stiffness * (reach - np.mean(away))
+            axes.plot(reach, line, color=PREDICTED, label="closed form" if share == PORT_SHARES[0] else None)
+            axes.plot(
+                away[every], swing.torque_nm[every], linestyle="none", marker=marker, markersize=4, color=MEASURED,
+                markerfacecolor="none", label=f"port moves {share:g} times as far",
+            )  # fmt: skip
+    panels[0].set_xlabel("motion of the port [rad]")
+    panels[1].set_xlabel("deviation from the source, θ − θ_N [rad]")
+    panels[0].set_title("The source taken to stand")
+    panels[1].set_title("The source known")
+    panels[0].set_ylabel("exertion [N·m]")
+    panels[1].legend(loc="upper right")
+    return picture
 
 
 def draw_one_source_many_springs(spring: "VariableSpring", modulations: Sequence[float]) -> Figure:

@@ -7,10 +7,10 @@ import pytest
 from norton_bench.gallery import gravity, muscle, paper
 from norton_bench.gallery.claim import PaperExperiment
 from norton_bench.gallery.gravity import TwoPorts
-from norton_bench.gallery.motor_experiments import FreeLevels, SlowStops, SteadySpeeds
+from norton_bench.gallery.motor_experiments import FreeLevels, SameDeviation, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.gallery.paper import CATALOGUE, measure
-from norton_bench.gallery.spring import MODULATIONS, TABULATION
+from norton_bench.gallery.spring import MODULATIONS, TABULATION, MovingSource
 from norton_bench.procedures import modulated
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.in_situ import InSituProcedure
@@ -22,10 +22,10 @@ from tests.bench.half_rate import low_rate
 SPRING = ModulatedProcedure(TABULATION, 3 * MODULATIONS)
 # As few as still tell a plant from one that differs by what the tests have it differ.
 FEWER = {
-    "motor": (FreeLevels(rounds=4), SteadySpeeds(rounds=3), SlowStops()),
+    "motor": (FreeLevels(rounds=4), SteadySpeeds(rounds=3), SameDeviation(rounds=4), SlowStops()),
     "muscle": (MuscleSweeps(rounds=3),),
     "arms": (TwoPorts(rounds=3),),
-    "spring": (SPRING,),
+    "spring": (SPRING, MovingSource(rounds=3)),
     "in situ": (InSituProcedure(InSituOptions(trials=7, duration_s=2.5)),),
 }
 # The ways are quicker, and the waiting shorter: each row's interval, from its own repetitions, tells what that costs.

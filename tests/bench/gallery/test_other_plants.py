@@ -15,7 +15,7 @@ SEED = 5
 PLANTS = {
     "muscle": (("spring",), 8),
     "arms": (("gravity", "load_gravity"), 3),
-    "spring": (("spring_stiffness", "spring_stiffening"), 4),
+    "spring": (("spring_stiffness", "spring_stiffening"), 7),
     "in situ": (("torque_gain",), 2),
 }
 

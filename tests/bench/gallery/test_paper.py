@@ -24,8 +24,13 @@ def motor():
 
 def test_every_claim_about_the_motor_comes_true(motor):
     rows = [row for claim in CATALOGUE["motor"].claims(motor) for row in claim.rows]
-    assert len(rows) == 12
+    assert len(rows) == 14
     assert [f"{row.what}: {row.found} for {row.expected}" for row in rows if not row.passed] == []
+
+
+def test_another_inertia_is_not_taken_for_this_one(motor):
+    other = replace(motor, true={**motor.true, "inertia": 1.2 * motor.true["inertia"]})
+    assert not all(row.passed for claim in CATALOGUE["motor"].claims(other) for row in claim.rows)
 
 
 @pytest.mark.parametrize("parameter", ["torque_gain", "viscous_damping", "coulomb_torque"])
@@ -43,6 +48,7 @@ def test_each_claim_has_its_picture_and_its_table_on_the_page(motor, monkeypatch
         "gallery-one-source.svg",
         "gallery-three-branches.svg",
         "gallery-steady-torque.svg",
+        "gallery-inertial-frame.svg",
         "gallery-slow-approach.svg",
     ]
     for proof in proofs:
