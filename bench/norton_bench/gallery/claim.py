@@ -114,7 +114,7 @@ def _look(measured: Measured, segment: SegmentInfo, look_s: float) -> Look:
     )
 
 
-# One interval in a thousand misses by chance: of a gallery of 34 rows, one gallery in thirty.
+# One interval in a thousand misses by chance: of a gallery of 35 rows, one gallery in thirty.
 LEVEL = 0.999
 
 

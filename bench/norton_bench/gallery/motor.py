@@ -106,35 +106,36 @@ class MotorExperiment:
         return {with_command: np.array(result) for with_command, result in table.items()}
 
     @cached_property
-    def parted(self) -> dict[str, list[tuple[Ramp, ...]]]:
+    def ramps(self) -> dict[str, list[tuple[Ramp, ...]]]:
         """The ramps of each movement, for those in which the port's velocity changed and the source's."""
         result: dict[str, list[tuple[Ramp, ...]]] = {done.OF_PORT: [], done.OF_SOURCE: []}
         for segment in self.experiment.measured.segments:
             if segment.procedure == done.SameDeviation.name:
                 moving, side = segment.name.split()
-                begins_ns = segment.start_ns + round(1e9 * done.PART_LEAD_S)
-                ramps = (self._ramp(begins_ns, number, float(side)) for number in range(done.PART_RAMPS))
+                begins_ns = segment.start_ns + round(1e9 * done.DEVIATION_LEAD_S)
+                ramps = (self._ramp(begins_ns, number, float(side)) for number in range(done.DEVIATION_RAMPS))
                 result[moving].append(tuple(ramps))
         return result
 
     def inertia(self, moving: str) -> Estimated:
-        """Torque beside B (ω_N − ω), over the acceleration of what moves: what it is in the mean of the movements."""
-        return mean([self._inertia(ramps) for ramps in self.parted[moving]])
+        """What remains of the torque without B (ω_N − ω), over the rate of the deviation: mean of the movements."""
+        return mean([self._inertia(ramps) for ramps in self.ramps[moving]])
 
     def _inertia(self, ramps: tuple[Ramp, ...]) -> float:
         deviation = np.array([np.mean(each.deviation_rad_s) for each in ramps])
         torque = np.array([np.mean(each.torque_nm) for each in ramps])
         rate = np.array([each.rate_rad_s2 for each in ramps])
-        beside = torque + self.steady_line.slope.value * (deviation - np.mean(deviation))
-        return float(np.polyfit(rate, beside, 1)[0])
+        remains = torque + self.steady_line.slope.value * (deviation - np.mean(deviation))
+        return float(np.polyfit(rate, remains, 1)[0])
 
     def _ramp(self, begins_ns: int, number: int, side: float) -> Ramp:
         skipped = 0.5 * (1.0 - MIDDLE_SHARE)
-        edges_s = done.PART_RAMP_S * (number + np.linspace(skipped, 1.0 - skipped, MIDDLE_PARTS + 1))
+        edges_s = done.DEVIATION_RAMP_S * (number + np.linspace(skipped, 1.0 - skipped, MIDDLE_PARTS + 1))
         edges_ns = begins_ns + np.round(1e9 * edges_s).astype(np.int64)
         middle = self.experiment.measured.between(int(edges_ns[0]), int(edges_ns[-1]))
         torque = middle.torque[middle.torque["valid"]]
-        if min(len(middle.motion), len(torque), len(middle.ticks)) < 2 * MIDDLE_PARTS:
+        parts = np.searchsorted(torque["arrival_ns"], edges_ns)
+        if min(len(middle.motion), len(middle.ticks)) < 2 * MIDDLE_PARTS or np.any(np.diff(parts) < 1):
             raise ExperimentError(f'a ramp of "{done.SameDeviation.name}" was hardly recorded; run it again')
         time_s = (0.5 * (edges_ns[1:] + edges_ns[:-1]) - begins_ns) * 1e-9
         position = np.polyfit((middle.motion["arrival_ns"] - begins_ns) * 1e-9, middle.motion["position_rad"], 2)
@@ -142,7 +143,6 @@ class MotorExperiment:
         source_rad_s = np.array([self.source_rad_s(each) for each in np.polyval(command, time_s)])
         deviation_rad_s = side * (source_rad_s - np.polyval(np.polyder(position), time_s))
         rate_rad_s2 = side * (self.gain * command[0] / self.damping - 2.0 * position[0])
-        parts = np.searchsorted(torque["arrival_ns"], edges_ns)
         means = [np.mean(torque["torque_nm"][first:last]) for first, last in pairwise(parts)]
         zero_nm = self.experiment.torque_zero_nm
         return Ramp(deviation_rad_s, side * (np.array(means) - zero_nm), float(rate_rad_s2))
@@ -269,11 +269,11 @@ def inertial_frame(motor: MotorExperiment) -> Shown:
         name,
         "Inertial torque is not a function of ω_N − ω",
         "IV.D",
-        "Port and source part by the same, and as fast: once the port accelerates, and once the source does. The "
-        "torque of inertia follows the port's motion alone.",
+        "The port's velocity deviates from the source's by the same, and as fast: once the port accelerates, and once "
+        "the source does. The torque of inertia follows the port's motion alone.",
         rows,
         partial(draw_inertial_frame, motor),
-        "Torque while port and source part and meet again. Left: the port's velocity goes up and down. Right: the "
+        "Torque while the deviation grows and shrinks. Left: the port's velocity goes up and down. Right: the "
         "source's. Closed form: B (ω_N − ω) − Im dω/dt.",
     )
 
@@ -372,8 +372,8 @@ def draw_inertial_frame(motor: "MotorExperiment") -> Figure:
     panels = picture.subplots(1, 2, sharey=True)
     titles = ((done.OF_PORT, "The port accelerates"), (done.OF_SOURCE, "The source accelerates"))
     for axes, (moving, title) in zip(panels, titles, strict=True):
-        ramps = [each for movement in motor.parted[moving] for each in movement]
-        for sign, marker, meaning in ((1.0, "^", "parting"), (-1.0, "v", "meeting")):
+        ramps = [each for movement in motor.ramps[moving] for each in movement]
+        for sign, marker, meaning in ((1.0, "^", "deviation grows"), (-1.0, "v", "deviation shrinks")):
             chosen = [each for each in ramps if sign * each.rate_rad_s2 > 0.0]
             deviation = np.mean([np.sort(each.deviation_rad_s) for each in chosen], axis=0)
             torque = np.mean([each.torque_nm[np.argsort(each.deviation_rad_s)] for each in chosen], axis=0)

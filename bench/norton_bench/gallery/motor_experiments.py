@@ -1,7 +1,7 @@
 """What is done with the motor: held free, moved steadily, and brought to rest, again and again, in both directions.
 
-Every experiment comes in pairs, the second with command and motion reversed: half of the difference is free of what
-the torque sensor's zero adds to both. Commands are multiples of the threshold at which the bench's own calibration
+Every experiment comes in pairs, the second with command and motion reversed: what the torque sensor's zero adds to
+both cancels. Commands are multiples of the threshold at which the bench's own calibration
 found that the motor begins to turn.
 """
 
@@ -41,17 +41,17 @@ APPROACH_RAD_S, CREEP_RAD_S, CREEP_S = 2.0, 0.1, 0.25
 LONGER_S, GOLDEN = 0.25, 0.618034
 STOP_S, STOP_LOOK_S = 0.5, 0.3
 
-# Accelerated: port and source part by the same, to and fro, once because the port changes its velocity and once because
-# the source does. Velocities in multiples of the free one, under one command.
-PART_LEVEL = 2.4
-PART_SHARES = (0.35, 0.85)
-PART_RAMP_S, PART_RAMPS, PART_LEAD_S = 0.1, 8, 0.3
+# Deviation: the port's velocity deviates from the source's by the same, to and fro, once because the port changes its
+# velocity and once because the source does. Velocities in multiples of the free one, under one command.
+DEVIATION_LEVEL = 2.4
+DEVIATION_SHARES = (0.35, 0.85)
+DEVIATION_RAMP_S, DEVIATION_RAMPS, DEVIATION_LEAD_S = 0.1, 8, 0.3
 OF_PORT, OF_SOURCE = "port", "source"
 
 
 @dataclass(frozen=True)
 class _Motor:
-    """What the three have in common."""
+    """What all of them have in common."""
 
     name: ClassVar[str]
 
@@ -126,27 +126,27 @@ class SameDeviation(_Motor):
     name: ClassVar[str] = "gallery deviation"
 
     def duration_s(self, rig: Rig) -> float:
-        return self.rounds * 4 * (2 * PART_LEAD_S + PART_RAMPS * PART_RAMP_S)
+        return self.rounds * 4 * (2 * DEVIATION_LEAD_S + DEVIATION_RAMPS * DEVIATION_RAMP_S)
 
     def plan(self, known: Knowledge) -> Plan:
-        tick_s, level = known.tick_s, PART_LEVEL * threshold_of(known)
+        tick_s, level = known.tick_s, DEVIATION_LEVEL * threshold_of(known)
         assert known.actuator is not None
         command_s_rad = known.actuator.network.viscous_damping_nms_rad / known.actuator.network.torque_gain
-        steps = round(PART_RAMP_S / tick_s)
+        steps = round(DEVIATION_RAMP_S / tick_s)
         up = np.arange(1, steps + 1) / steps
-        swing = np.tile(np.concatenate([up, 1.0 - up]), PART_RAMPS // 2)
-        least, most = (share * free_velocity_rad_s(known, PART_LEVEL) for share in PART_SHARES)
+        swing = np.tile(np.concatenate([up, 1.0 - up]), DEVIATION_RAMPS // 2)
+        least, most = (share * free_velocity_rad_s(known, DEVIATION_LEVEL) for share in DEVIATION_SHARES)
         still = np.zeros(swing.size)
         for _ in range(self.rounds):
             for side in SIDES:
                 for moving in (OF_PORT, OF_SOURCE):
-                    # Of either: velocity of the port from its least, and of the source to its greatest, or none.
+                    # The port goes up from its least velocity and back, or the source down from its greatest.
                     port, source = (swing, still) if moving == OF_PORT else (still, -swing)
                     velocity = least + (most - least) * port
                     command = level + command_s_rad * (most - least) * source
-                    lead, tail = (ramp(*ends, PART_LEAD_S, tick_s) for ends in ((0.0, least), (least, 0.0)))
+                    lead, tail = (ramp(*ends, DEVIATION_LEAD_S, tick_s) for ends in ((0.0, least), (least, 0.0)))
                     motion = from_velocity(side * np.concatenate([lead, velocity, tail]), tick_s)
-                    rise, fall = (ramp(*ends, PART_LEAD_S, tick_s) for ends in ((0.0, level), (level, 0.0)))
+                    rise, fall = (ramp(*ends, DEVIATION_LEAD_S, tick_s) for ends in ((0.0, level), (level, 0.0)))
                     commands = side * np.concatenate([rise, command, fall])
                     yield imposed(self.name, f"{moving} {side:+.0f}", Use.PREPARE, commands, motion)
 

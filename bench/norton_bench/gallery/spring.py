@@ -37,7 +37,7 @@ EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 SWING_RAD, ABOUT_RAD, SWING_S = 0.1, 0.15, 2.0
 PORT_SHARES = (0.5, 2.0)
 LEAD_S = 0.4
-ALONE = "source"
+ALONE, WAY_THERE = "source", "way"
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class MovingSource:
         swing = np.concatenate([lead, 0.5 * SWING_RAD * (1.0 - np.cos(phase))])
         velocity = np.concatenate([lead, np.pi * SWING_RAD / SWING_S * np.sin(phase)])
         command = ABOUT_RAD + swing
-        yield zero_torque(self.name, "way", Use.PREPARE, ramp(0.0, ABOUT_RAD, LEAD_S, tick_s), known.rig)
+        yield zero_torque(self.name, WAY_THERE, Use.PREPARE, ramp(0.0, ABOUT_RAD, LEAD_S, tick_s), known.rig)
         for _ in range(self.rounds):
             for share in PORT_SHARES:
                 yield zero_torque(self.name, ALONE, Use.PREPARE, command, known.rig)
                 motion = from_velocity(share * velocity, tick_s)
                 yield imposed(self.name, f"{share:g}", Use.PREPARE, command, motion)
-        yield zero_torque(self.name, "way", Use.PREPARE, ramp(ABOUT_RAD, 0.0, LEAD_S, tick_s), known.rig)
+        yield zero_torque(self.name, WAY_THERE, Use.PREPARE, ramp(ABOUT_RAD, 0.0, LEAD_S, tick_s), known.rig)
 
 
 @dataclass(frozen=True)
@@ -143,10 +143,17 @@ class VariableSpring:
     def swings(self) -> tuple[Swing, ...]:
         return tuple(self._swings())
 
+    def swings_of(self, share: float) -> list[Swing]:
+        """Raises ExperimentError where there are too few for an interval."""
+        result = [each for each in self.swings if each.share == share]
+        if len(result) < 2:
+            raise ExperimentError(f'"{MovingSource.name}" has too few movements for an interval; run it again')
+        return result
+
     def _swings(self) -> Iterator[Swing]:
         segments = [each for each in self.experiment.measured.segments if each.procedure == MovingSource.name]
         for before, segment in pairwise(segments):
-            if before.name == ALONE:
+            if before.name == ALONE and segment.name not in (ALONE, WAY_THERE):
                 yield self._swing(before, segment)
 
     def _swing(self, before: SegmentInfo, segment: SegmentInfo) -> Swing:
@@ -212,16 +219,16 @@ def unknown_source(spring: VariableSpring) -> Shown:
     inertial = spring.experiment.true["output_inertia"] * (2 * np.pi / SWING_S) ** 2
     rows = []
     for share in PORT_SHARES:
-        swings = [each for each in spring.swings if each.share == share]
+        swings = spring.swings_of(share)
         apparent = mean([each.apparent_nm_rad for each in swings])
         apparent = wider(apparent, spring.left_open_over_nm_rad(modulation, share * SWING_RAD))
         expected = true * (1.0 - float(np.mean([each.source_share for each in swings]))) - inertial
-        what = f"stiffness as if the source stood, port {share:g} times as far"
+        what = f"stiffness as if the source stood, port told {share:g} times as far"
         rows.append(row(name, what, "N*m/rad", expected, apparent, true))
-    least_reach = min(abs(1.0 - share) for share in PORT_SHARES) * SWING_RAD
-    found = mean([each.stiffness_nm_rad for each in spring.swings])
-    found = wider(found, spring.left_open_over_nm_rad(modulation, least_reach))
-    rows.append(row(name, "stiffness about the source's own motion", "N*m/rad", true - inertial, found, 0.0))
+        known = mean([each.stiffness_nm_rad for each in swings])
+        known = wider(known, spring.left_open_over_nm_rad(modulation, abs(1.0 - share) * SWING_RAD))
+        what = f"stiffness about the source's own motion, port told {share:g} times as far"
+        rows.append(row(name, what, "N*m/rad", true - inertial, known, apparent.value))
     return Shown(
         name,
         "Without the source's motion, the impedance is anything",
@@ -240,7 +247,7 @@ def draw_unknown_source(spring: "VariableSpring") -> Figure:
     panels = picture.subplots(1, 2, sharey=True)
     true = spring.stiffness_nm_rad(MODULATIONS[0])
     for marker, share in zip("ov", PORT_SHARES, strict=True):
-        swing = next(each for each in spring.swings if each.share == share)
+        swing = spring.swings_of(share)[0]
         apparent = true * (1.0 - swing.source_share)
         port, deviation = swing.port_rad - swing.port_rad[0], swing.port_rad - swing.source_rad
         every = slice(None, None, max(1, port.size // 40))
@@ -250,7 +257,7 @@ def draw_unknown_source(spring: "VariableSpring") -> Figure:
             axes.plot(reach, line, color=PREDICTED, label="closed form" if share == PORT_SHARES[0] else None)
             axes.plot(
                 away[every], swing.torque_nm[every], linestyle="none", marker=marker, markersize=4, color=MEASURED,
-                markerfacecolor="none", label=f"port moves {share:g} times as far",
+                markerfacecolor="none", label=f"port told {share:g} times as far",
             )  # fmt: skip
     panels[0].set_xlabel("motion of the port [rad]")
     panels[1].set_xlabel("deviation from the source, θ − θ_N [rad]")

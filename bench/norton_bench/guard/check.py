@@ -78,6 +78,10 @@ NEIGHBOURS = 1.5
 LEAST_NOISE = 0.25  # steps
 MOST_NOISE = 2.0  # steps; with more, where the torque lies in a step makes no difference
 LIKELY = 1.92  # of the log likelihood, with 95 %
+OUTLIERS = 5e-3  # the share of readings that are no noise: a knock on the bench
+MOST_LEVELS = 10  # to either side: outliers are as likely at each
+QUARTILES = (25.0, 75.0)
+NORMAL_OF_QUARTILES = 0.7413  # the deviation of normal values, over the distance of their quartiles
 
 
 # What the guard relies on, read from what was measured while all was well.
@@ -125,31 +129,40 @@ def still_swing_nm(measured: Measured) -> float:
 
 
 def _longest_repeat(values: npt.NDArray[np.float64]) -> int | None:
-    """See ``TorqueReadings``: the run that is to be expected in as many readings, in the middle of a step."""
-    noise = _least_noise_in_steps(values)
+    """See ``TorqueReadings``: the longest run seen, or to be expected in as many readings in the middle of a step."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    runs = np.diff(np.concatenate([[-1], changes, [len(values) - 1]]))
+    shares = np.unique(values, return_counts=True)[1] / len(values)
+    # So many readings in a row are one: a sensor that filters, or sends each value several times.
+    alike = max(1.0, float(np.mean(runs)) * (1.0 - float(shares @ shares)))
+    noise = _least_noise_in_steps(values, alike)
     if noise < LEAST_NOISE:
         return None
-    changes = np.flatnonzero(np.diff(values) != 0.0)
-    seen = int(np.max(np.diff(np.concatenate([[-1], changes, [len(values) - 1]]))))
+    seen = int(np.max(runs))
     if noise >= MOST_NOISE:
         return seen
     same = 2.0 * ndtr(0.5 / noise) - 1.0
-    return max(seen, ceil(log(len(values) * (1.0 - same)) / -log(same)))
+    return max(seen, ceil(alike * log(len(values) / alike * (1.0 - same)) / -log(same)))
 
 
-def _least_noise_in_steps(values: npt.NDArray[np.float64]) -> float:
-    """The least deviation, in steps of the readings, with which a normal noise explains them (95 %)."""
+def _least_noise_in_steps(values: npt.NDArray[np.float64], alike: float) -> float:
+    """The least deviation, in steps of the readings, with which a normal noise explains them (95 %), where ``alike``
+    readings in a row count as one."""
     differences = np.abs(np.diff(np.unique(values)))
     if not len(differences):
         return 0.0
-    steps = np.rint((values - np.min(values)) / np.min(differences)).astype(int)
-    if np.std(steps) > MOST_NOISE:
+    steps = np.rint((values - np.median(values)) / np.min(differences))
+    low, high = np.percentile(steps, QUARTILES)
+    if NORMAL_OF_QUARTILES * (high - low) > MOST_NOISE:
         return MOST_NOISE
+    steps = np.clip(steps, low - MOST_LEVELS, high + MOST_LEVELS)
     levels, counts = np.unique(steps, return_counts=True)
     noise = np.geomspace(0.02, MOST_NOISE, 60)[:, None, None]
-    middle = np.mean(steps) + np.linspace(-0.5, 0.5, 41)[None, :, None]
+    usual = np.mean(np.clip(steps, low - MOST_NOISE, high + MOST_NOISE))
+    middle = usual + np.linspace(-0.5, 0.5, 41)[None, :, None]
     seen = ndtr((levels + 0.5 - middle) / noise) - ndtr((levels - 0.5 - middle) / noise)
-    likelihood = np.max(np.log(np.maximum(seen, 1e-300)) @ counts, axis=1)
+    seen = (1.0 - OUTLIERS) * seen + OUTLIERS / (2.0 * MOST_LEVELS)
+    likelihood = np.max(np.log(seen) @ (counts / alike), axis=1)
     return float(noise[np.flatnonzero(likelihood >= np.max(likelihood) - LIKELY)[0], 0, 0])
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.coupling import Coupling
-from norton_bench.identification.joint_fit import left_beside, solve_again
+from norton_bench.identification.joint_fit import remaining_power, solve_again
 from norton_bench.identification.kernels import Kernel
 from norton_bench.identification.reading_errors import NO_ERRORS, ReadingErrors
 from norton_bench.identification.rows import Rows
@@ -49,8 +49,8 @@ Physical = Callable[[Solution], tuple[FloatArray, FloatArray]]
 # Simulated records of one fit. The deviation of a parameter is then known to within a fifth; Student's distribution
 # allows for that.
 DRAWS = 12
-# And so many, before, of what the fit leaves where only the torque's readings have no errors: known to a tenth.
-OTHER_DRAWS = 4
+# And so many, before, without errors of the torque readings. They tell what all other errors leave to about a tenth.
+OTHER_DRAWS, KNOWN_TO = 4, 0.1
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class ErrorsSeen:
 class Readings:
     """What a fit's signals were made of, and how many such records are to be simulated.
 
-    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``). Its amplitude is
-    not known for certain: that puts the fit's values off by ``ringing_off`` (9,), rms, in the order of ``physical``:
-    those of the motor without a joint.
+    ``ringing_nm`` (n,) was subtracted from the torque readings that a simulation uses (``ringing``). What is not known
+    of its amplitudes makes values in the order of ``physical``, of the motor without a joint, covary by
+    ``ringing_covariance`` (9, 9).
     ``errors_seen`` is what another encoder tells of the errors of the motion's readings, if it does.
     """
 
@@ -86,7 +86,7 @@ class Readings:
     draws: int = DRAWS
     coupling: Coupling | None = None  # where it is known
     ringing_nm: FloatArray | None = None
-    ringing_off: FloatArray | None = None
+    ringing_covariance: FloatArray | None = None
     errors_seen: ErrorsSeen | None = None
 
 
@@ -104,26 +104,23 @@ def stated_energy(stretches: tuple[Signals, ...], kernel: Kernel) -> float:
 def scatter_of(bench: "Simulation", put_in: FloatArray, physical: Physical) -> Scatter:
     """Fit each simulated record again. ``put_in`` (p,) is what ``physical`` makes of the real one's solution."""
     fits, left = [], []
-    for solution in _solutions(bench):
+    for record, random in zip(bench.records(), np.random.default_rng(1).spawn(bench.readings.draws), strict=True):
+        solution = solve_again(_signals(bench, record, random), bench.solution)
         fits.append(physical(solution))
         left.append(np.mean(solution.innovation**2))
     variances = np.array([np.diag(covariance) for _, covariance in fits])
     values = np.array([values for values, _ in fits])
     shares = np.array(left) / np.mean(bench.solution.innovation**2)
-    return Scatter(values, put_in, np.sqrt(np.mean(variances, axis=0)), shares)
+    return Scatter(values, put_in, variances, shares)
 
 
-def _solutions(bench: "Simulation") -> Iterator[Solution]:
-    """What the fit makes of each simulated record."""
-    kernel = bench.solution.regression.rows[0].kernel
-    for record, random in zip(bench.records(), np.random.default_rng(1).spawn(bench.readings.draws), strict=True):
-        stretches = signals(record, bench.readings.tick_s, bench.readings.use)
-        if (seen := bench.readings.errors_seen) is not None:
-            off = np.exp(seen.known_to * random.standard_normal())
-            stretches = louder(
-                stretches, off * bench.error_energy(record, stretches) / stated_energy(stretches, kernel)
-            )
-        yield solve_again(stretches, bench.solution)
+def _signals(bench: "Simulation", record: Measured, random: np.random.Generator) -> tuple[Signals, ...]:
+    """Those of a simulated record, as a fit of it has them."""
+    stretches = signals(record, bench.readings.tick_s, bench.readings.use)
+    if (seen := bench.readings.errors_seen) is None:
+        return stretches
+    off, kernel = np.exp(seen.known_to * random.standard_normal()), bench.solution.regression.rows[0].kernel
+    return louder(stretches, off * bench.error_energy(record, stretches) / stated_energy(stretches, kernel))
 
 
 @dataclass(frozen=True)
@@ -220,20 +217,19 @@ class Simulation:
         variance_std = float(np.hypot(seen.variance_std, shown.variance_std))
         errors = ReadingErrors(noise_nm, seen.steps, jitter_s, variance_std)
         rate_nm_s = np.gradient(port_nm, self.torque.time_s)[self._is_simulated]
-        return replace(bench, torque_errors=errors.no_more_than(bench._left_of_torque_nm2(random), rate_nm_s))
+        return replace(bench, torque_errors=errors.no_more_than(bench._left_for_torque_nm2(random), rate_nm_s))
 
-    def _left_of_torque_nm2(self, random: np.random.Generator) -> float:
+    def _left_for_torque_nm2(self, random: np.random.Generator) -> float:
         """The variance of white errors of torque readings that, beside all other errors, would leave what the fit
         leaves in its band: none of them is greater. Ringing that no simulation knows is in the readings, but faster
         than the band. ``self`` has no errors of the torque readings."""
-        regression, readings = self.solution.regression, self.readings
-        of_others = [
-            left_beside(signals(self.record(random), readings.tick_s, readings.use), self.solution)
-            for _ in range(OTHER_DRAWS)
-        ]
-        left = float(np.mean(self.solution.innovation**2)) - float(np.mean(of_others))
+        records = (self.record(random) for _ in range(OTHER_DRAWS))
+        of_others = [remaining_power(_signals(self, each, random), self.solution) for each in records]
+        every = float(np.mean(self.solution.innovation**2))
+        left = max(every - float(np.mean(of_others)), KNOWN_TO * every)
+        regression, tick_s = self.solution.regression, self.readings.tick_s
         energy = regression.white_energy * regression.rows[0].kernel.energy(0)
-        return max(left, 0.0) / energy * readings.tick_s / self.torque.period_s
+        return left / energy * tick_s / self.torque.period_s
 
     @property
     def stretches(self) -> tuple[Signals, ...]:

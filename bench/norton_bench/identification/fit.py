@@ -243,20 +243,20 @@ def _simulated(
 ) -> tuple[FloatArray, FloatArray, Simulated]:
     """Values (9,) and covariance (9, 9) as simulated records correct them, and what they were before.
 
-    Ringing is faster than anything that was measured of the motors: what its subtraction changes is known as well as
-    its amplitude, over and above how well the readings tell the spring.
+    Ringing is faster than anything that was measured of the motors: what its subtraction changes is known only as well
+    as its amplitudes are, over and above how well the readings tell the spring.
     """
     scatter = scatter_of(bench, values, physical)
     of_residual = stated_by_name(bench.solution, values, covariance)
-    of_ringing = np.zeros(values.size)
-    if (off := bench.readings.ringing_off) is not None:
-        of_ringing[: off.size] = off
+    of_ringing = np.zeros_like(covariance)
+    if (known := bench.readings.ringing_covariance) is not None:
+        of_ringing[: len(known), : len(known)] = known
     repeated_std, excess = (
         dict(zip(of_residual, each.tolist(), strict=True))
-        for each in (np.hypot(scatter.bias_std, of_ringing), scatter.excess(covariance))
+        for each in (np.sqrt(scatter.bias_std**2 + np.diag(of_ringing)), scatter.excess(covariance))
     )
     values, covariance = scatter.applied(values, covariance)
-    covariance = covariance + np.outer(of_ringing, of_ringing)
+    covariance = covariance + of_ringing
     return values, covariance, Simulated(of_residual, repeated_std, excess, scatter.left, bench)
 
 

@@ -188,12 +188,11 @@ def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     )
 
 
-def left_beside(stretches: tuple[Signals, ...], near: Solution) -> float:
-    """What the solution ``near`` leaves of another record of the same experiment, as its own least squares sees it:
-    mean square. With or without a joint."""
+def remaining_power(stretches: tuple[Signals, ...], near: Solution) -> float:
+    """Mean square of what ``near`` leaves of another record of the same experiment, with or without a joint."""
     if isinstance(near.regression, JointRegression):
         return float(np.mean(solve_again(stretches, near).innovation ** 2))
-    return separable.left_beside(stretches, near)
+    return separable.remaining_power(stretches, near)
 
 
 def _plain(regression: Regression) -> Regression:

@@ -20,7 +20,7 @@ from norton_bench.identification.regression import Regression
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.rows import Rows
 from norton_bench.identification.sanity_checks import LEFT_BY_A_GOOD_FIT
-from norton_bench.identification.separable import linear_solution
+from norton_bench.identification.separable import normal_solution
 from norton_bench.identification.shape import STILL
 from norton_bench.identification.signals import Port, Signals, sent_at_s, signals, travel_times_s
 from norton_bench.identification.statistics import sandwich
@@ -155,6 +155,8 @@ def _spring(
     regression = Regression.of(actuator, FULL_BAND)
     torque, time_s = regression.target(), regression.time_s()
     rate = regression.chosen([rows.torque_derivatives((1,))[0] for rows in regression.rows])
+    # What the torque's noise adds to the squares of its columns.
+    noise = np.array([sum(rows.usable.size * rows.torque_noise(each) for rows in regression.rows) for each in (0, 1)])
     delay_s = load_delay_s
     for _ in range(DELAY_STEPS):
         parts = [_twist(a, b, load_delay_s, delay_s) for a, b in zip(actuator, load, strict=True)]
@@ -162,7 +164,7 @@ def _spring(
         # Each stretch counts its twist from its own beginning.
         begins = np.repeat(np.eye(len(parts)), [part.shape[1] for part in parts], axis=1)
         columns = np.stack([torque, -rate, -velocity, *begins])
-        solution = linear_solution(columns, twist)
+        solution = normal_solution(columns, columns @ twist, noise)
         compliance, later_rad_s_nm, shift_s = solution[:3]
         delay_s += float(np.clip(shift_s, -5e-4, 5e-4))
     covariance = sandwich(columns.T, twist - solution @ columns, time_s)

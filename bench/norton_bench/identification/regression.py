@@ -177,13 +177,25 @@ class Regression:
         """
         if self.count_rad == 0.0:
             return self
-        reach = self.rows[0].kernel.half_width
-        turns = Turns.joined([Turns.of(rows.signals, shape.s_per_rad, reach).at(rows.usable) for rows in self.rows])
-        known_again = np.flatnonzero(np.diff(self._rest, prepend=-1))
+        turns, known_again = self._turns(shape)
         width = abs(coulomb) * self.count_rad / np.sqrt(self.alike * np.mean(residual**2))
         found = Whitening.likeliest(turns, known_again, shape.s_per_rad, residual, width)
         weighed = found.weighed(turns.near, residual) if like is None else found.weighed_by(turns.near, like.wider)
         return replace(self, whitening=weighed)
+
+    def whitened_as(self, shape: Shape, like: Whitening | None) -> "Regression":
+        """The same, with turns as unknown and with weights as in ``like``, that of another record."""
+        if like is None:
+            return self
+        turns, known_again = self._turns(shape)
+        found = Whitening.of_known(turns, known_again, shape.s_per_rad, like.width)
+        return replace(self, whitening=found.weighed_by(turns.near, like.wider))
+
+    def _turns(self, shape: Shape) -> tuple[Turns, npt.NDArray[np.int64]]:
+        """Of the path, at every row, and the rows at which their errors begin anew."""
+        reach = self.rows[0].kernel.half_width
+        turns = Turns.joined([Turns.of(rows.signals, shape.s_per_rad, reach).at(rows.usable) for rows in self.rows])
+        return turns, np.flatnonzero(np.diff(self._rest, prepend=-1))
 
     def white(self, values: FloatArray) -> FloatArray:
         """``values`` (k, samples) as least squares should see them."""

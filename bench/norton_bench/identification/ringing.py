@@ -26,6 +26,7 @@ from norton_bench.identification.separable import Solution, solve_again
 from norton_bench.identification.shape import GAIN
 from norton_bench.identification.signals import Signals, TimeSeries, instants, signals, validation_stretches
 from norton_bench.identification.simulated_bench import Driving, SimulatedStretch, Spectrum, inertia_of
+from norton_bench.identification.statistics import sandwich
 from norton_bench.records import Measured
 
 # Evaluated are the spans in which the motors are driven most; the whole record would take longer and tell little more.
@@ -44,12 +45,14 @@ MOST_STARTS, MOST_STEPS = 3, 20
 # The first fit is biased by the ringing, and with it the estimate of the ringing; the later ones are not.
 ROUNDS = 3
 SETTLED = 0.05  # of the logarithm of the likelihood
-# Of the subtracted ringing's amplitude, before the residual is looked at: anything between none and twice as much.
+# Of an amplitude that was subtracted, relative, before the residual is looked at: between none and twice as much.
 AMPLITUDE_VARIANCE = 1.0 / 3.0
 # For slopes: of the logarithms of stiffness and damping, delays [s], logarithms of amplitudes.
 PROBES = np.array([1e-3, 1e-2, 1e-6, 1e-6, 1e-2, 1e-2])
 LONGEST_STEP = np.array([0.1, 1.0, 1e-4, 1e-4, 0.5, 0.5])
 STEP_SHARES = (1.0, 0.3, 0.1, 0.03)
+# Fewer rows without a search tell nothing of amplitudes.
+FEWEST_ROWS = 100
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ def without_ringing(
         return as_read
     if coupling.resonance_hz(inertia_of(solution)) < 0.5 * _rate_hz(readings):
         return as_read
-    unseen, before = validation_stretches(readings.measured, readings.tick_s), physical(solution)[0]
+    unseen = validation_stretches(readings.measured, readings.tick_s)
     quiet, springs = readings, tuple[Coupling, ...]()
     for _ in range(ROUNDS):
         simulation = Simulation.without_errors(quiet, stretches, solution)
@@ -181,21 +184,50 @@ def without_ringing(
         solution = solve_again(stretches, solution)
         if not solution.converged:
             return as_read
-    off = amplitude_off(ringing, ringing_nm, solution)
-    return replace(quiet, ringing_off=off * (physical(solution)[0] - before)), stretches, solution
+    searched = np.concatenate([simulation.torque.time_s[seen] for seen, _ in _spans(simulation, coupling)])
+    parts = parts_of_ringing(ringing, springs[0], solution)
+    return replace(quiet, ringing_covariance=left_uncertain(parts, solution, searched)), stretches, solution
 
 
-def amplitude_off(ringing: Ringing, ringing_nm: FloatArray, solution: Solution) -> float:
-    """By how much the amplitude of a ringing (readings,) that was subtracted is wrong, relative, rms: as far as the
-    residual of the ``solution`` tells it."""
-    regression = solution.regression
-    white = regression.white(ringing.rows(ringing_nm, regression.rows[0].kernel)[None, :])[0]
-    unknowns = np.linalg.qr(solution.jacobian)[0]
-    own = white - unknowns @ (unknowns.T @ white)
-    variance = regression.alike * float(np.mean(solution.innovation**2))
-    precision = float(own @ own) / variance + 1.0 / AMPLITUDE_VARIANCE
-    off = float(own @ solution.innovation) / variance / precision
-    return float(np.sqrt(1.0 / precision + off**2))
+def parts_of_ringing(ringing: Ringing, spring: Coupling, solution: Solution) -> FloatArray:
+    """What motor and load make of it in the rows of ``solution``, (2, rows), as its least squares sees them."""
+    band, whole = solution.regression.rows[0].kernel, ringing.of_spring(spring)
+    of_motor = ringing.of_spring(replace(spring, load_amplitude=0.0))
+    rows = np.stack([ringing.rows(each, band) for each in (of_motor, whole - of_motor)])
+    return solution.regression.white(rows)
+
+
+def left_uncertain(parts: FloatArray, solution: Solution, searched_s: FloatArray) -> FloatArray:
+    """Covariance of values, in the order of ``physical``, (p, p), for what is not known of the amplitudes of ``parts``
+    (k, rows) of a ringing that was subtracted.
+
+    Each may be anything between none and twice what it was taken for, unless the residual tells it better, beside all
+    that the fit may change, in the rows in which it was not searched: without the spans of ``searched_s`` (readings,).
+    """
+    time_s = solution.regression.time_s()
+    elsewhere = ~_within_spans(time_s, searched_s)
+    changes = np.linalg.lstsq(solution.jacobian, parts.T, rcond=None)[0]
+    own = parts.T - solution.jacobian @ changes
+    precision, pull = np.eye(len(parts)) / AMPLITUDE_VARIANCE, np.zeros(len(parts))
+    if np.count_nonzero(elsewhere) > FEWEST_ROWS:
+        told = own[elsewhere]
+        amplitudes = np.linalg.lstsq(told, solution.innovation[elsewhere], rcond=None)[0]
+        left = solution.innovation[elsewhere] - told @ amplitudes
+        of_residual = np.linalg.pinv(sandwich(told, left, time_s[elsewhere]), hermitian=True)
+        precision, pull = precision + of_residual, of_residual @ amplitudes
+    mean = np.linalg.solve(precision, pull)
+    off = np.linalg.inv(precision) + np.outer(mean, mean)
+    return physical(solution, changes @ off @ changes.T)[1]
+
+
+def _within_spans(time_s: FloatArray, searched_s: FloatArray) -> BoolArray:
+    """Which instants lie beside one of these readings, (n,)."""
+    if searched_s.size < 2:
+        return np.zeros(time_s.size, dtype=bool)
+    searched_s = np.sort(searched_s)
+    after = np.clip(np.searchsorted(searched_s, time_s), 1, searched_s.size - 1)
+    nearest_s = np.minimum(np.abs(time_s - searched_s[after - 1]), np.abs(time_s - searched_s[after]))
+    return np.asarray(nearest_s < EDGE_S)
 
 
 def remark_on(readings: Readings, inertia_kgm2: float) -> tuple[str, ...]:

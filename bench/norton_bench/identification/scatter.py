@@ -12,15 +12,20 @@ from norton_bench.identification.statistics import LOOSE_BEYOND, moderated_std_o
 class Scatter:
     """What fits of simulated records gave, beside what was put in.
 
-    ``drawn`` (draws, p) are the values, ``put_in`` (p,); ``stated_std`` (p,) is what such fits say of themselves, from
-    their residuals alone, rms over the draws. ``left`` (draws,) is the mean square that least squares left of each,
+    ``drawn`` (draws, p) are the values, ``put_in`` (p,); ``stated`` (draws, p) are the variances that such fits state
+    of themselves, from their residuals alone. ``left`` (draws,) is the mean square that least squares left of each,
     over what it left of the real record.
     """
 
     drawn: FloatArray
     put_in: FloatArray
-    stated_std: FloatArray
+    stated: FloatArray
     left: FloatArray
+
+    @property
+    def stated_std(self) -> FloatArray:
+        """What such fits say of themselves, rms over the draws, (p,)."""
+        return np.asarray(np.sqrt(np.mean(self.stated, axis=0)))
 
     @property
     def bias(self) -> FloatArray:
@@ -48,13 +53,18 @@ class Scatter:
         """Values without their bias, and their covariance, from those that the residual alone gives: (p,), (p, p).
 
         Where the real residual gives a greater deviation than simulated ones do, the model or the noise is not as was
-        simulated: the difference of the squares is added. Nothing becomes better known than the residual says.
+        simulated: the difference of the squares is added.
         """
         stated = np.sqrt(np.diag(covariance))
-        unexplained = np.maximum(stated**2 - self.stated_std**2, 0.0)
-        scattered = np.maximum(self.std**2 + unexplained, stated**2)
-        std = np.sqrt(scattered + self.bias_std**2)
+        std = np.sqrt(self.std**2 + self._unexplained(stated**2) + self.bias_std**2)
         # A bias of such a share of the value says only that nothing is known: it widens, and is not taken off.
         credible = np.abs(self.bias) < LOOSE_BEYOND * np.abs(values)
         corrected = values - np.where(credible, self.bias, 0.0)
         return corrected, covariance * np.outer(std / stated, std / stated)
+
+    def _unexplained(self, stated: FloatArray) -> FloatArray:
+        """By how much variances that a real fit states, (p,), are greater than those of simulated ones, less what
+        chance makes of the difference (the positive part of the estimator of James and Stein, 1961)."""
+        more = np.maximum(stated - np.mean(self.stated, axis=0), 0.0)
+        chance = np.var(self.stated, axis=0, ddof=1) * (1.0 + 1.0 / len(self.stated))
+        return np.asarray(np.maximum(more - chance / np.where(more > 0.0, more, np.inf), 0.0))

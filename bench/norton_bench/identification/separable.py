@@ -107,22 +107,24 @@ def solve(
 
 def solve_again(stretches: tuple[Signals, ...], near: Solution) -> Solution:
     """The same fit of another record of the same experiment, whose solution is ``near``: same band, same cogging."""
-    return _iterated(_beside(stretches, near), within=CONVERGED_STEP)
+    regression = _again(stretches, near)
+    at = _At.of(regression, near.shape)
+    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual, near.regression.whitening)
+    return _iterated(_At.solved(white, near.shape, at.columns, at.memory), within=CONVERGED_STEP)
 
 
-def left_beside(stretches: tuple[Signals, ...], near: Solution) -> float:
-    """What ``near`` leaves of another record of the same experiment, as its own least squares sees it: mean square."""
-    return float(np.mean(_beside(stretches, near).innovation ** 2))
+def remaining_power(stretches: tuple[Signals, ...], near: Solution) -> float:
+    """Mean square of what the shape of ``near`` leaves of another record of the same experiment, whitened as its
+    own."""
+    regression = _again(stretches, near).whitened_as(near.shape, near.regression.whitening)
+    return float(np.mean(_At.of(regression, near.shape).innovation ** 2))
 
 
-def _beside(stretches: tuple[Signals, ...], near: Solution) -> "_At":
-    """Another record of the same experiment, at the shape of ``near``."""
+def _again(stretches: tuple[Signals, ...], near: Solution) -> Regression:
+    """The regression of another record of the same experiment, before it is whitened."""
     before = near.regression
     regression = Regression.of(stretches, before.rows[0].kernel, free_motion=before.free_motion, cogging=before.cogging)
-    regression = before.terms_of(regression).recounted(near.shape)
-    at = _At.of(regression, near.shape)
-    white = regression.whitened(near.shape, float(at.linear[COULOMB]), at.residual, before.whitening)
-    return _At.solved(white, near.shape, at.columns, at.memory)
+    return before.terms_of(regression).recounted(near.shape)
 
 
 def solve_with_terms(near: Solution, terms: Sequence[NetworkTerm], zero_nm: float) -> Solution:

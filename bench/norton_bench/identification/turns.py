@@ -77,11 +77,13 @@ def _near_turns(way_rad: FloatArray, after_rad: float, before_rad: float, reach_
 @dataclass(frozen=True)
 class Whitening:
     """The filter: what is ``kept`` of the error since the row before, its ``gain``, and the ``scale`` that makes every
-    innovation as wide as the next; (rows,) each. Near turns innovations are ``wider`` by this factor."""
+    innovation as wide as the next; (rows,) each. Near turns innovations are ``wider`` by this factor. ``width`` is how
+    well turns are known, see ``of_known``."""
 
     kept: FloatArray
     gain: FloatArray
     scale: FloatArray
+    width: float
     wider: float = 1.0
 
     @classmethod
@@ -90,7 +92,7 @@ class Whitening:
         times radians. At the rows ``known_again`` the error begins anew."""
         retained = np.exp(-s_per_rad * turns.way_rad)
         retained[known_again] = 0.0
-        return cls(retained, *loops.kalman_gains(retained, turns.kicks * width**2))
+        return cls(retained, *loops.kalman_gains(retained, turns.kicks * width**2), width)
 
     @classmethod
     def likeliest(

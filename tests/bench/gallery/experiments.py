@@ -1,5 +1,6 @@
 """The gallery's experiments as they are run, at one seed, in fewer rounds and with less waiting."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import pytest
@@ -14,6 +15,7 @@ from norton_bench.gallery.spring import MODULATIONS, TABULATION, MovingSource
 from norton_bench.procedures import modulated
 from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.in_situ import InSituProcedure
+from norton_bench.procedures.knowledge import Adaptive, Procedure
 from norton_bench.procedures.modulated import ModulatedProcedure
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.procedures.tare import TareProcedure
@@ -38,10 +40,10 @@ QUICKER = (
 )
 
 
-def measured(name: str, seed: int) -> PaperExperiment:
-    """Through frames and bytes, at a low rate: a minute and a half of bench time."""
+def measured(name: str, seed: int, procedures: Sequence[Procedure | Adaptive] = ()) -> PaperExperiment:
+    """Through frames and bytes, at a low rate: a minute and a half of bench time, or ``procedures`` alone."""
     with pytest.MonkeyPatch.context() as patch:
         for module, constants in QUICKER:
             for constant, value in constants.items():
                 patch.setattr(module, constant, value)
-        return measure(name, low_rate(CATALOGUE[name].rig), seed, FEWER.get(name))
+        return measure(name, low_rate(CATALOGUE[name].rig), seed, procedures or FEWER.get(name))

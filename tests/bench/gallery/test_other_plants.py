@@ -6,6 +6,7 @@ import pytest
 
 from norton_bench.gallery import spring
 from norton_bench.gallery.paper import CATALOGUE
+from norton_bench.gallery.spring import MovingSource, VariableSpring, unknown_source
 from tests.bench.gallery.experiments import SPRING, measured
 
 pytestmark = pytest.mark.long
@@ -15,7 +16,7 @@ SEED = 5
 PLANTS = {
     "muscle": (("spring",), 8),
     "arms": (("gravity", "load_gravity"), 3),
-    "spring": (("spring_stiffness", "spring_stiffening"), 7),
+    "spring": (("spring_stiffness", "spring_stiffening"), 8),
     "in situ": (("torque_gain",), 2),
 }
 
@@ -36,6 +37,15 @@ def test_every_claim_comes_true(plant):
     rows = rows_of(name, experiment)
     assert len(rows) == PLANTS[name][1]
     assert [f"{row.what}: {row.found} for {row.expected}" for row in rows if not row.passed] == []
+
+
+def test_another_spring_is_not_taken_for_this_one_while_the_source_moves():
+    experiment = measured("spring", SEED, (MovingSource(rounds=5),))
+    for parameter, factor in (("spring_stiffness", 1.03), ("output_inertia", 10.0)):
+        other = replace(experiment, true={**experiment.true, parameter: factor * experiment.true[parameter]})
+        rows = unknown_source(VariableSpring(other)).rows
+        assert not all(row.passed for row in rows)
+        assert all(row.passed for row in unknown_source(VariableSpring(experiment)).rows)
 
 
 def test_another_plant_is_not_taken_for_this_one(plant):

@@ -60,6 +60,24 @@ def test_a_sensor_coarser_than_its_noise_may_stand_still_for_ever(values: list[f
     assert found.longest_repeat is None
 
 
+@pytest.mark.parametrize("off", [2.0, 5.0, 1000.0])
+def test_a_knock_in_the_tare_is_no_noise(off: float) -> None:
+    values = readings(0.05, 0.5)
+    values[700:702] += off
+    found = torque_readings(torque(values), None)
+    assert found is not None
+    assert found.longest_repeat is None
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.5])
+def test_a_sensor_that_sends_each_value_ten_times_repeats_itself_ten_times_as_long(middle: float) -> None:
+    found = torque_readings(torque(np.repeat(readings(0.6, middle), 10)), None)
+    assert found is not None
+    assert found.longest_repeat is not None
+    unlucky = max(longest_run(np.repeat(readings(0.6, 0.0, 20_000, seed), 10)) for seed in range(5))
+    assert unlucky / 5 < found.longest_repeat < 2.5 * unlucky
+
+
 @pytest.mark.parametrize("middle", [0.0, 0.3, 0.5])
 def test_a_torque_between_two_steps_shows_changes_and_no_noise(middle: float) -> None:
     """Readings that take either value half of the time deviate by half a step, however little the noise."""
