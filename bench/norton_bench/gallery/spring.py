@@ -35,6 +35,7 @@ EXPERIMENT = ModulatedProcedure(TABULATION, ROUNDS * MODULATIONS)
 
 # The source swings by so much about so many radians, and the port by these multiples of it: behind it, and ahead of it.
 SWING_RAD, ABOUT_RAD, SWING_S = 0.1, 0.15, 2.0
+SWING_RAD_S = 2 * np.pi / SWING_S
 PORT_SHARES = (0.5, 2.0)
 LEAD_S = 0.4
 ALONE, WAY_THERE = "source", "way"
@@ -76,10 +77,10 @@ class MovingSource:
 @dataclass(frozen=True)
 class Swing:
     """One imposed movement while the source moved, at the torque's readings (n,); ``source_rad`` is that of the
-    movement before, free of torque but for ``left_nm``, under the same ``command_rad``."""
+    movement before, free of torque but for ``left_nm``, under the same command."""
 
     share: float
-    command_rad: FloatArray
+    time_s: FloatArray
     port_rad: FloatArray
     source_rad: FloatArray
     torque_nm: FloatArray
@@ -95,10 +96,12 @@ class Swing:
         """Of the torque against the motion of the port, as if the source stood."""
         return float(-np.polyfit(self.port_rad, self.torque_nm, 1)[0])
 
-    @property
-    def source_share(self) -> float:
-        """How far the source, which follows its command, went of the way that the port did go."""
-        return float(np.polyfit(self.port_rad, self.command_rad, 1)[0])
+    def expected_nm_rad(self, stiffness: float, damping: float, inertia: float) -> float:
+        """The same of what a damped spring between this source and an inertia at the port does."""
+        deviation_rad = self.source_rad + self.left_nm / stiffness - self.port_rad
+        rate_rad_s = np.gradient(self.source_rad - self.port_rad, self.time_s)
+        torque_nm = stiffness * deviation_rad + damping * rate_rad_s
+        return float(-np.polyfit(self.port_rad, torque_nm, 1)[0]) - inertia * SWING_RAD_S**2
 
 
 @dataclass(frozen=True)
@@ -167,7 +170,7 @@ class VariableSpring:
         motion_ns, position_rad = measured.motion["arrival_ns"], measured.motion["position_rad"]
         return Swing(
             share=float(segment.name),
-            command_rad=np.interp(torque_ns, swing.ticks["tick_ns"], swing.ticks["command"]),
+            time_s=(torque_ns - begins_ns) * 1e-9,
             port_rad=np.interp(torque_ns, motion_ns, position_rad),
             source_rad=np.interp(earlier_ns, motion_ns, position_rad),
             torque_nm=np.asarray(torque_nm, dtype=np.float64),
@@ -216,19 +219,19 @@ def unknown_source(spring: VariableSpring) -> Shown:
     name, modulation = "unknown source", MODULATIONS[0]
     true = spring.stiffness_nm_rad(modulation)
     # What turns between spring and port swings with the port.
-    inertial = spring.experiment.true["output_inertia"] * (2 * np.pi / SWING_S) ** 2
+    inertia, damping = (spring.experiment.true[each] for each in ("output_inertia", "spring_damping"))
     rows = []
     for share in PORT_SHARES:
         swings = spring.swings_of(share)
         apparent = mean([each.apparent_nm_rad for each in swings])
         apparent = wider(apparent, spring.left_open_over_nm_rad(modulation, share * SWING_RAD))
-        expected = true * (1.0 - float(np.mean([each.source_share for each in swings]))) - inertial
+        expected = float(np.mean([each.expected_nm_rad(true, damping, inertia) for each in swings]))
         what = f"stiffness as if the source stood, port told {share:g} times as far"
         rows.append(row(name, what, "N*m/rad", expected, apparent, true))
         known = mean([each.stiffness_nm_rad for each in swings])
         known = wider(known, spring.left_open_over_nm_rad(modulation, abs(1.0 - share) * SWING_RAD))
         what = f"stiffness about the source's own motion, port told {share:g} times as far"
-        rows.append(row(name, what, "N*m/rad", true - inertial, known, apparent.value))
+        rows.append(row(name, what, "N*m/rad", true - inertia * SWING_RAD_S**2, known, apparent.value))
     return Shown(
         name,
         "Without the source's motion, the impedance is anything",
@@ -248,7 +251,9 @@ def draw_unknown_source(spring: "VariableSpring") -> Figure:
     true = spring.stiffness_nm_rad(MODULATIONS[0])
     for marker, share in zip("ov", PORT_SHARES, strict=True):
         swing = spring.swings_of(share)[0]
-        apparent = true * (1.0 - swing.source_share)
+        apparent = swing.expected_nm_rad(
+            true, *(spring.experiment.true[each] for each in ("spring_damping", "output_inertia"))
+        )
         port, deviation = swing.port_rad - swing.port_rad[0], swing.port_rad - swing.source_rad
         every = slice(None, None, max(1, port.size // 40))
         for axes, away, stiffness in zip(panels, (port, deviation), (apparent, true), strict=True):

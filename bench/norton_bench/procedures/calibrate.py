@@ -229,7 +229,7 @@ def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> fl
     """What it has with a probability of 95 %, at the resonance of both machines.
 
     A feedback that is stable with too much damping may not be with what the sensor has. The twist tells little of it: a
-    third of it, or more, is usual for its deviation.
+    fifth of it, or more, is usual for its deviation.
     """
     actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
