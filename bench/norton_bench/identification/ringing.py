@@ -184,28 +184,30 @@ def without_ringing(
         solution = solve_again(stretches, solution)
         if not solution.converged:
             return as_read
-    searched = np.concatenate([simulation.torque.time_s[seen] for seen, _ in _spans(simulation, coupling)])
-    parts = parts_of_ringing(ringing, springs[0], solution)
-    return replace(quiet, ringing_covariance=left_uncertain(parts, solution, searched)), stretches, solution
+    begins_s = np.array([begin_s for begin_s, _ in _most_driven(simulation, coupling)])
+    parts = parts_of_ringing(ringing, springs[0], ringing_nm, solution)
+    return replace(quiet, ringing_covariance=left_uncertain(parts, solution, begins_s)), stretches, solution
 
 
-def parts_of_ringing(ringing: Ringing, spring: Coupling, solution: Solution) -> FloatArray:
-    """What motor and load make of it in the rows of ``solution``, (2, rows), as its least squares sees them."""
-    band, whole = solution.regression.rows[0].kernel, ringing.of_spring(spring)
+def parts_of_ringing(ringing: Ringing, spring: Coupling, whole: FloatArray, solution: Solution) -> FloatArray:
+    """What motor and load make of the ``whole`` of it (readings,) in the rows of ``solution``, (2, rows), as its least
+    squares sees them."""
+    band = solution.regression.rows[0].kernel
     of_motor = ringing.of_spring(replace(spring, load_amplitude=0.0))
     rows = np.stack([ringing.rows(each, band) for each in (of_motor, whole - of_motor)])
     return solution.regression.white(rows)
 
 
-def left_uncertain(parts: FloatArray, solution: Solution, searched_s: FloatArray) -> FloatArray:
+def left_uncertain(parts: FloatArray, solution: Solution, begins_s: FloatArray) -> FloatArray:
     """Covariance of values, in the order of ``physical``, (p, p), for what is not known of the amplitudes of ``parts``
     (k, rows) of a ringing that was subtracted.
 
     Each may be anything between none and twice what it was taken for, unless the residual tells it better, beside all
-    that the fit may change, in the rows in which it was not searched: without the spans of ``searched_s`` (readings,).
+    that the fit may change, in the rows outside the spans in which it was searched, which begin at ``begins_s`` (k,).
     """
     time_s = solution.regression.time_s()
-    elsewhere = ~_within_spans(time_s, searched_s)
+    since_s = time_s[:, None] - begins_s
+    elsewhere = ~np.any((since_s > -EDGE_S) & (since_s < SPAN_S + EDGE_S), axis=1)
     changes = np.linalg.lstsq(solution.jacobian, parts.T, rcond=None)[0]
     own = parts.T - solution.jacobian @ changes
     precision, pull = np.eye(len(parts)) / AMPLITUDE_VARIANCE, np.zeros(len(parts))
@@ -218,16 +220,6 @@ def left_uncertain(parts: FloatArray, solution: Solution, searched_s: FloatArray
     mean = np.linalg.solve(precision, pull)
     off = np.linalg.inv(precision) + np.outer(mean, mean)
     return physical(solution, changes @ off @ changes.T)[1]
-
-
-def _within_spans(time_s: FloatArray, searched_s: FloatArray) -> BoolArray:
-    """Which instants lie beside one of these readings, (n,)."""
-    if searched_s.size < 2:
-        return np.zeros(time_s.size, dtype=bool)
-    searched_s = np.sort(searched_s)
-    after = np.clip(np.searchsorted(searched_s, time_s), 1, searched_s.size - 1)
-    nearest_s = np.minimum(np.abs(time_s - searched_s[after - 1]), np.abs(time_s - searched_s[after]))
-    return np.asarray(nearest_s < EDGE_S)
 
 
 def remark_on(readings: Readings, inertia_kgm2: float) -> tuple[str, ...]:
@@ -297,7 +289,18 @@ def _with_deviations(found: SpringFit, prior: Prior) -> Coupling:
 
 
 def _spans(simulation: Simulation, coupling: Coupling) -> Iterator[tuple[IntArray, Driving]]:
-    """Those with the greatest steps of the commands, without torque feedback, among rows that are fitted."""
+    """Those in which the motors are driven most, with what drives them."""
+    time_s = simulation.torque.time_s
+    # The grid must show the stiffest spring of the scan.
+    stiffest = coupling.stiffer(SCANNED)
+    for begin_s, truth in _most_driven(simulation, coupling):
+        seen = np.arange(*np.searchsorted(time_s, [begin_s, begin_s + SPAN_S]))
+        yield seen, simulation.driving_within((begin_s, begin_s + SPAN_S), truth, stiffest)
+
+
+def _most_driven(simulation: Simulation, coupling: Coupling) -> list[tuple[float, SimulatedStretch]]:
+    """Where the spans begin that have the greatest steps of the commands, without torque feedback, among rows that are
+    fitted; and the stretch of each."""
     solution, segments = simulation.solution, simulation.readings.measured.segments
     answering = [segment.index for segment in segments if segment.procedure in ZERO_TORQUE]
     found: list[tuple[float, float, SimulatedStretch]] = []
@@ -313,13 +316,8 @@ def _spans(simulation: Simulation, coupling: Coupling) -> Iterator[tuple[IntArra
         useful = stretch.usable & ~np.isin(stretch.segment, answering)
         energy *= np.histogram(stretch.time_s, edges_s, weights=useful.astype(float))[0]
         found += [(float(each), begin, truth) for each, begin in zip(energy, edges_s[:-1], strict=True)]
-    time_s = simulation.torque.time_s
-    # The grid must show the stiffest spring of the scan.
-    stiffest = coupling.stiffer(SCANNED)
-    for driven, begin_s, truth in sorted(found, key=lambda each: -each[0])[:SPANS]:
-        if driven > 0.0:
-            seen = np.arange(*np.searchsorted(time_s, [begin_s, begin_s + SPAN_S]))
-            yield seen, simulation.driving_within((begin_s, begin_s + SPAN_S), truth, stiffest)
+    ordered = sorted(found, key=lambda each: -each[0])[:SPANS]
+    return [(begin_s, truth) for driven, begin_s, truth in ordered if driven > 0.0]
 
 
 def _energy(sent_s: FloatArray, driven: FloatArray, edges_s: FloatArray) -> FloatArray:

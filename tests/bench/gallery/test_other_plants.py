@@ -41,11 +41,10 @@ def test_every_claim_comes_true(plant):
 
 def test_another_spring_is_not_taken_for_this_one_while_the_source_moves():
     experiment = measured("spring", SEED, (MovingSource(rounds=5),))
+    assert all(row.passed for row in unknown_source(VariableSpring(experiment)).rows)
     for parameter, factor in (("spring_stiffness", 1.03), ("output_inertia", 10.0)):
         other = replace(experiment, true={**experiment.true, parameter: factor * experiment.true[parameter]})
-        rows = unknown_source(VariableSpring(other)).rows
-        assert not all(row.passed for row in rows)
-        assert all(row.passed for row in unknown_source(VariableSpring(experiment)).rows)
+        assert not all(row.passed for row in unknown_source(VariableSpring(other)).rows)
 
 
 def test_another_plant_is_not_taken_for_this_one(plant):

@@ -192,7 +192,8 @@ def test_how_well_subtracted_amplitudes_are_known_is_told_by_what_is_left(brief,
         less = replace(brief, torque=brief.torque.copy())
         less.torque["torque_nm"] -= too_much * ringing.of_spring(spring)
         solution = solve_again(signals(less, TICK_S, Use.IDENTIFY), bench.solution)
-        covariance = left_uncertain(parts_of_ringing(ringing, spring, solution), solution, np.empty(0))
+        parts = parts_of_ringing(ringing, spring, ringing.of_spring(spring), solution)
+        covariance = left_uncertain(parts, solution, np.empty(0))
         return physical(solution)[0], np.sqrt(np.diag(covariance))
 
     (right, known), (wrong, off) = uncertain(0.0), uncertain(0.2)
