@@ -42,7 +42,7 @@ from collections import Counter
 from norton_bench.loop.loop import Loop
 
 calls, depth, state, simulated = Counter(), [0, 0], {{"ticks": 0}}, [0]
-inner = Loop._tick
+inner = Loop.tick
 
 def ours(frame):
     name = frame.f_code.co_filename
@@ -73,7 +73,7 @@ def tick(self, *arguments):
             raise KeyboardInterrupt
     return done
 
-Loop._tick = tick
+Loop.tick = tick
 from norton_bench.rig.load import load_rig
 from norton_bench.session.engine import record_session
 from norton_bench.session.schema import standard_session

@@ -12,13 +12,13 @@ from norton_sim.hookup import Hookup, really
 from norton_sim.plant import Plant
 from norton_sim.plants.assembled import Assembled
 from norton_sim.truth import Truth
-from norton_sim.world import World
+from norton_sim.world import Timeline, World
 
 
-def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
+def build_world(wiring: Wiring, truth: Truth, place: str, timeline: Timeline | None = None) -> World:
     """The plant that ``wiring`` has devices for: a load that is described but not wired is not coupled.
 
-    Raises WiringError for a wired load or modulator whose true values are missing, or which has nothing to modulate.
+    It lives in a ``timeline`` that moves it, or in one of its own. Raises WiringError for a wired load or modulator whose true values are missing, or which has nothing to modulate.
     """
     if wiring.load is not None and truth.load is None:
         raise WiringError(f"{place}: [load] is wired but [simulated.load] is missing; describe the load machine there")
@@ -27,7 +27,7 @@ def build_world(wiring: Wiring, truth: Truth, place: str) -> World:
     _check_modulator(wiring, truth, place)
     if wiring.modulator is None:
         truth = truth.model_copy(update={"modulator": None})
-    return World(Plant(truth, truth.seed, wiring.shaft))
+    return World(Plant(truth, truth.seed, wiring.shaft), timeline)
 
 
 def _check_modulator(wiring: Wiring, truth: Truth, place: str) -> None:

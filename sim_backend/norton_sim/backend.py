@@ -18,7 +18,7 @@ from norton_sim.faults.stage import Injected, Stage
 from norton_sim.firmware.context import Wires
 from norton_sim.truth import FAULTS, Truth, read_truth
 from norton_sim.witness import watch
-from norton_sim.world import World
+from norton_sim.world import Timeline, World
 
 
 class SimulatedClock:
@@ -42,12 +42,15 @@ class SimulatedClock:
 
 
 class SimulatedBackend:
-    """See :class:`norton_drivers.ports.Rehearsal`. ``world`` is for tests and benchmarks that know the truth."""
+    """See :class:`norton_drivers.ports.Rehearsal`. ``world`` is for tests and benchmarks that know the truth.
+
+    A ``timeline`` is given where other benches live in the same time.
+    """
 
     lock_step = True
 
-    def __init__(self, wiring: Wiring, truth: Truth, place: str) -> None:
-        self.world = build_world(wiring, truth, place)
+    def __init__(self, wiring: Wiring, truth: Truth, place: str, timeline: Timeline | None = None) -> None:
+        self.world = build_world(wiring, truth, place, timeline)
         self.clock = SimulatedClock(self.world)
         self._injected: list[Injected] = []
         self._wiring = wiring
@@ -137,6 +140,13 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
 
     Raises WiringError, with place and mend, for true values that are wrong or missing.
     """
+    return simulated_backend(wiring, simulated, seed=seed, place=place)
+
+
+def simulated_backend(
+    wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | None, place: str, timeline: Timeline | None = None
+) -> SimulatedBackend:
+    """As :func:`open_backend`, in a ``timeline`` of its own or in that of other benches."""
     truth = read_truth(
         simulated,
         seed=seed,
@@ -144,6 +154,6 @@ def open_backend(wiring: Wiring, simulated: Mapping[str, Any], *, seed: int | No
         command_unit=wiring.command_unit,
         modulation_unit=wiring.modulation_unit,
     )
-    backend = SimulatedBackend(wiring, truth, place)
+    backend = SimulatedBackend(wiring, truth, place, timeline)
     backend.inject(*read_faults(simulated.get(FAULTS, ()), wiring, place=place, section=f"simulated.{FAULTS}"))
     return backend

@@ -7,9 +7,10 @@ positive sense and with its own imperfections. Time moves only when :meth:`Plant
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from norton_sim import chain, departures, integrator
 from norton_sim.integrator import (
@@ -27,7 +28,7 @@ from norton_sim.integrator import (
     TRACKED_RATE,
     VELOCITY,
 )
-from norton_sim.packing import pack
+from norton_sim.packing import PackedBench, pack
 from norton_sim.plants.assembled import MODULATOR_BANDWIDTH
 from norton_sim.plants.muscles import BEGAN, REACH_COLUMNS
 from norton_sim.truth import MotorTruth, Truth
@@ -59,6 +60,15 @@ class _Machine:
     greatest_a: float = math.inf
     released: bool = True
     runaway_a: float | None = None  # what the amplifier follows instead of its command
+
+
+class Mechanics(NamedTuple):
+    """A plant's state (machines, STATE_COLUMNS), its parameters, what it remembers of its reach, and its substep."""
+
+    state: NDArray[np.float64]
+    bench: PackedBench
+    reach: NDArray[np.float64]
+    substep_s: float
 
 
 class Plant:
@@ -98,6 +108,11 @@ class Plant:
         else:
             chain.advance(state, bench.machines, joint, bench.link, self._reach, step_s, now_ns, to_ns)
         self.now_ns = to_ns
+
+    @property
+    def mechanics(self) -> "Mechanics":
+        """What an integrator works on that moves this plant together with others; it sets ``now_ns`` as well."""
+        return Mechanics(self._state, self._bench, self._reach, self._substep_s)
 
     def command(self, machine: Machine, value: float) -> None:
         """From now on the machine's amplifier follows ``value``, in its command unit and its own positive sense."""

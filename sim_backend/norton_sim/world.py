@@ -22,20 +22,15 @@ class Firmware(Protocol):
         ...
 
 
-class World:
-    """Events in simulated time, and the plant between them.
+class Timeline:
+    """Events in simulated time, and mechanics between them: ``move_to`` lets these go on until an instant [ns].
 
-    ``devices`` and ``wires`` hold, by role ("actuator", "load", "torque_sensor"), each device's firmware and the plug
-    that connects it; ``lines``, by port, those that several devices share. The same seed and the same calls give the
-    same bytes.
+    The same calls give the same order of events.
     """
 
-    def __init__(self, plant: "Plant") -> None:
+    def __init__(self, move_to: Action) -> None:
         self.now_ns = 0
-        self.plant = plant
-        self.devices: dict[str, Firmware] = {}
-        self.wires: dict[str, CanConnector | SerialConnector] = {}
-        self.lines: dict[str, HalfDuplexLine] = {}
+        self._move_to = move_to
         self._events: list[tuple[int, int, Action, int]] = []
         self._order = count()
 
@@ -55,7 +50,7 @@ class World:
     def advance(self, to_ns: int) -> None:
         """Let everything happen, in order, up to and including ``to_ns``; the past is left as it is."""
         events = self._events
-        plant_to = self.plant.advance
+        move_to = self._move_to
         while events and events[0][0] <= to_ns:
             stamp_ns, order, action, period_ns = events[0]
             # In place, and before the action: what the action plans can then not be taken for this event.
@@ -64,8 +59,34 @@ class World:
             else:
                 heappop(events)
             self.now_ns = stamp_ns
-            plant_to(stamp_ns)
+            move_to(stamp_ns)
             action(stamp_ns)
         if to_ns > self.now_ns:
             self.now_ns = to_ns
-            plant_to(to_ns)
+            move_to(to_ns)
+
+
+class World:
+    """One bench: its plant, the devices bolted to it, and the time in which it lives.
+
+    ``devices`` and ``wires`` hold, by role ("actuator", "load", "torque_sensor"), each device's firmware and the plug
+    that connects it; ``lines``, by port, those that several devices share. Benches whose mechanics are joined have one
+    ``timeline``. The same seed and the same calls give the same bytes.
+    """
+
+    def __init__(self, plant: "Plant", timeline: Timeline | None = None) -> None:
+        self.plant = plant
+        self.timeline = timeline or Timeline(plant.advance)
+        self.devices: dict[str, Firmware] = {}
+        self.wires: dict[str, CanConnector | SerialConnector] = {}
+        self.lines: dict[str, HalfDuplexLine] = {}
+        self.at, self.every, self.advance = self.timeline.at, self.timeline.every, self.timeline.advance
+
+    @property
+    def now_ns(self) -> int:
+        return self.timeline.now_ns
+
+    @property
+    def next_event_ns(self) -> int | None:
+        """When something happens next; None where nothing is planned."""
+        return self.timeline.next_event_ns

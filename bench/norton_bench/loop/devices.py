@@ -199,10 +199,18 @@ class Devices:
 
         All drives get zero before the first is idled. A drive that fails does not keep the others from being stopped.
         """
-        complaints = list[str]()
+        self.zero()
+        return self.idle()
+
+    def zero(self) -> None:
+        """Command zero torque to every drive; never raises."""
         for drive in self.drives:
-            with suppress(Exception):  # what cannot be sent is tried again below, and complained of at the end
+            with suppress(Exception):  # what cannot be sent is tried again by idle, and complained of at its end
                 drive.command(0.0)
+
+    def idle(self) -> tuple[str, ...]:
+        """Idle every drive; returns what failed, never raises."""
+        complaints = list[str]()
         for drive in self.drives:
             self._idle(drive, complaints)
         return (*complaints, *self._await_idle())

@@ -1,6 +1,6 @@
-"""The loop: a tick is one straight line (:meth:`Loop._tick`), and however it ends, the drives are idle then."""
+"""The loop: a tick is one straight line (:meth:`Loop.tick`), and however it ends, the drives are idle then."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -74,15 +74,12 @@ class Loop:
         self._clock = self.devices.clock
         self._troubles = TroubleLog(self.devices, self.outbox.put_event)
 
-    @contextmanager
-    def running(self) -> Iterator[None]:
+    def running(self) -> AbstractContextManager[None]:
         """Drives enabled inside, idle outside, whatever happens in between.
 
         Raises DeviceError, ExperimentError, and SafetyStopError where the guard has tripped and was not reset.
         """
-        self.guard.permit()
-        with self.on_time():
-            yield from self._enabled()
+        return running_together((self,))
 
     def identify(self) -> list[DeviceIdentity]:
         """The identity of every device, as it states it. Raises DeviceError."""
@@ -126,24 +123,22 @@ class Loop:
         self.guard.reset(word)
         self.outbox.put_event(self.devices.clock.now_ns(), "operator", f"reset the guard ({word}) after: {reason}")
 
-    def _enabled(self) -> Iterator[None]:
+    def listen(self) -> None:
+        """Wait for the first reading of every stream. Raises ExperimentError with the names of those that do not
+        come."""
         arrivals = self.devices.await_streams()
         now_ns = self._clock.now_ns()
         self.alignment.update(now_ns, now_ns, arrivals)
-        self.devices.enable()
-        try:
-            self._start()
-            yield
-        except (BenchError, DeviceError) as error:
-            self.outbox.put_event(self._clock.now_ns(), "stop", str(error))
-            raise
-        finally:
-            for complaint in self.devices.stop():
-                self.outbox.put_event(self._clock.now_ns(), "drive", complaint)
-            self._troubles.end(self._clock.now_ns())
-            self.outbox.hand_on()
 
-    def _start(self) -> None:
+    def idled(self) -> None:
+        """Idle the drives, and hand on what was measured, with what failed."""
+        for complaint in self.devices.idle():
+            self.outbox.put_event(self._clock.now_ns(), "drive", complaint)
+        self._troubles.end(self._clock.now_ns())
+        self.outbox.hand_on()
+
+    def start(self) -> None:
+        """The first tick is due a tick from now; nothing has been commanded."""
         now_ns = self._clock.now_ns()
         self._sample, self._sent = self.alignment.update(now_ns, now_ns, self.devices.receive()), NOTHING
         self.guard.begin(self._sample)
@@ -158,23 +153,22 @@ class Loop:
 
         Raises SafetyStopError, OperatorStopError, ConnectionFailedError; :meth:`running` then idles the drives.
         """
+        return run_together((self,), (segment,))[0]
+
+    def begin(self, segment: Segment) -> "Stretch":
+        """The segment, ready for its first tick."""
         self._last = run = self._prepared(segment)
-        start_ns, self._label = self._next_ns, self._segments
-        parts: list[Measured] = []
+        self._label = self._segments
+        return Stretch(self, run, self._next_ns)
 
-        def hand_on() -> None:
-            info = SegmentInfo.of(segment, self._segments, start_ns, self._next_ns)
-            parts.append(self.outbox.hand_on(info).without_frames())
+    def end(self, stretch: "Stretch") -> None:
+        """No further tick of it, whatever the reason."""
+        self._ended(stretch.run)
+        self._segments += 1
 
-        try:
-            while run.index < run.ticks and not run.fast:
-                if self._tick(run):
-                    hand_on()
-            self._ended(run)
-        finally:
-            hand_on()
-            self._segments += 1
-        return join(parts)
+    def info(self, stretch: "Stretch") -> SegmentInfo:
+        """The stretch so far."""
+        return SegmentInfo.of(stretch.run.segment, self._segments, stretch.start_ns, self._next_ns)
 
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
@@ -190,7 +184,7 @@ class Loop:
             if ordered():
                 self._ended(run)
                 return
-            if self._tick(run):
+            if self.tick(run):
                 self.outbox.hand_on()
         raise self.guard.trip(
             f"the session did not say within {HELD_S:g} s what comes after a segment: other programs keep it from "
@@ -221,7 +215,7 @@ class Loop:
         if run.index:
             self._reference_rad = run.end_rad
 
-    def _tick(self, run: SegmentRun) -> bool:
+    def tick(self, run: SegmentRun) -> bool:
         """The next tick of ``run``, in the six lines of docs/loop.md; whether the outbox has a part to hand on."""
         devices, now_ns = self.devices, self._clock.now_ns
         self._clock.wait_until_ns(self._next_ns, self._read_ahead)
@@ -326,3 +320,71 @@ class Loop:
             "motor_temperature_c": actuator.motor_temperature_c,
             "load_motor_temperature_c": load.motor_temperature_c,
         }
+
+
+@dataclass
+class Stretch:
+    """A segment while it runs on one loop, with what was measured in it so far."""
+
+    loop: Loop
+    run: SegmentRun
+    start_ns: int
+    parts: list[Measured] = field(default_factory=list)
+
+    @property
+    def over(self) -> bool:
+        return self.run.index >= self.run.ticks or self.run.fast
+
+    def tick(self) -> None:
+        if self.loop.tick(self.run):
+            self.hand_on()
+
+    def hand_on(self) -> None:
+        self.parts.append(self.loop.outbox.hand_on(self.loop.info(self)).without_frames())
+
+
+@contextmanager
+def running_together(loops: Sequence[Loop]) -> Iterator[None]:
+    """The drives of all loops enabled inside, idle outside, whatever happens in between; they have one clock.
+
+    All of them get zero before the first is idled. Raises as :meth:`Loop.running`.
+    """
+    for loop in loops:
+        loop.guard.permit()
+    with loops[0].on_time():
+        for loop in loops:
+            loop.listen()
+        enabled: list[Loop] = []
+        try:
+            for loop in loops:
+                loop.devices.enable()
+                enabled.append(loop)
+            for loop in loops:
+                loop.start()
+            yield
+        except (BenchError, DeviceError) as error:
+            for loop in enabled:
+                loop.outbox.put_event(loop.devices.clock.now_ns(), "stop", str(error))
+            raise
+        finally:
+            for loop in enabled:
+                loop.devices.zero()
+            for loop in enabled:
+                loop.idled()
+
+
+def run_together(loops: Sequence[Loop], segments: Sequence[Segment]) -> tuple[Measured, ...]:
+    """Run a segment on each of the loops at once, tick by tick, until the first of them ends; what each measured.
+
+    Raises as :meth:`Loop.run`.
+    """
+    stretches = [loop.begin(segment) for loop, segment in zip(loops, segments, strict=True)]
+    try:
+        while not any([stretch.over for stretch in stretches]):
+            for stretch in stretches:
+                stretch.tick()
+    finally:
+        for stretch in stretches:
+            stretch.hand_on()
+            stretch.loop.end(stretch)
+    return tuple(join(stretch.parts) for stretch in stretches)
