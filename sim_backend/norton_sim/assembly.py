@@ -18,7 +18,8 @@ from norton_sim.world import Timeline, World
 def build_world(wiring: Wiring, truth: Truth, place: str, timeline: Timeline | None = None) -> World:
     """The plant that ``wiring`` has devices for: a load that is described but not wired is not coupled.
 
-    It lives in a ``timeline`` that moves it, or in one of its own. Raises WiringError for a wired load or modulator whose true values are missing, or which has nothing to modulate.
+    It lives in a ``timeline`` that moves it, or in one of its own. Raises WiringError for a wired load or modulator
+    whose true values are missing, or which has nothing to modulate.
     """
     if wiring.load is not None and truth.load is None:
         raise WiringError(f"{place}: [load] is wired but [simulated.load] is missing; describe the load machine there")

@@ -38,7 +38,7 @@ class TwoJoints:
         two_joints.advance(
             (first.state, second.state),
             (first.bench.machines, second.bench.machines),
-            tuple((each.bench.stiffness, each.bench.damping) for each in (first, second)),
+            ((first.bench.stiffness, first.bench.damping), (second.bench.stiffness, second.bench.damping)),
             (first.bench.link, second.bench.link),
             (first.reach, second.reach),
             self.row,
@@ -59,8 +59,8 @@ def open_two_joints(
     or missing.
     """
     joined = TwoJoints([], _arm(arm, place).row)
-    for joint, bench in zip(JOINTS, benches, strict=True):
-        _arm_of(joint, *bench)
+    for name, bench in zip(JOINTS, benches, strict=True):
+        _arm_of(name, *bench)
     timeline = Timeline(joined.advance)
     backends = []
     for joint, (wiring, simulated, rig_place) in enumerate(benches):

@@ -59,6 +59,7 @@ COMMANDS = {
     "identify": ("norton_bench.cli.experiment:identify", "Identify the actuator of a rig with the standard session."),
     "run": ("norton_bench.cli.experiment:run", "Run a session file."),
     "jog": ("norton_bench.cli.jog:jog", "Move a bench by hand: nudge it, watch every signal, stop."),
+    "joints": ("norton_bench.cli.joints:joints", "Measure an arm of two joints, each on a bench of its own."),
     "ui": ("norton_bench.cli.screen:ui", "Watch and run experiments in the terminal."),
     "fit": (
         "norton_bench.cli.recordings:fit",

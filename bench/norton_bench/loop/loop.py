@@ -380,7 +380,7 @@ def run_together(loops: Sequence[Loop], segments: Sequence[Segment]) -> tuple[Me
     """
     stretches = [loop.begin(segment) for loop, segment in zip(loops, segments, strict=True)]
     try:
-        while not any([stretch.over for stretch in stretches]):
+        while not any(stretch.over for stretch in stretches):
             for stretch in stretches:
                 stretch.tick()
     finally:

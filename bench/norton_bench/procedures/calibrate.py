@@ -10,6 +10,7 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.apparent_inertia import apparent_inertia_kgm2
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.coupling import surely_damped_nms_rad
 from norton_bench.identification.fit import fit_signals
@@ -100,8 +101,12 @@ class CalibrateProcedure:
         fit = fit_load(measured, tick_s=known.tick_s)
         if not known_well_enough(fit.result):
             raise ExperimentError("calibrate: the load's fit did not converge; " + "; ".join(fit.result.verdict))
-        actuator = self._actuator(known, measured) if known.rig.modelled else None
-        return replace(known, calibration=calibration_from(fit, actuator, known), actuator=actuator)
+        if known.rig.modelled:
+            actuator = self._actuator(known, measured)
+            calibration = calibration_from(fit, known, first_inertia_kgm2(actuator), first_friction(actuator))
+            return replace(known, calibration=calibration, actuator=actuator)
+        inertia_kgm2 = apparent_inertia_kgm2(measured, known.tick_s)
+        return replace(known, calibration=calibration_from(fit, known, inertia_kgm2), actuator=None)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
         shaken = signals(clean(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
@@ -131,8 +136,10 @@ def _load_strength_nm(known: Knowledge) -> float:
     return min(greatest_nm, STRONGER * abs(tare.moving_load_nm / tare.moving_command) * greatest_shake(known.rig))
 
 
-def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge) -> LoadCalibration:
-    """What the controller needs, from the fits and the tare."""
+def calibration_from(
+    fit: LoadFit, known: Knowledge, actuator_kgm2: float | None, friction: ActuatorFriction | None = None
+) -> LoadCalibration:
+    """What the controller needs, from the load's fit, the tare, and inertia and friction of the actuator."""
     network, tare = fit.result.network.dissipative(), known.tare
     assert tare is not None
     return LoadCalibration(
@@ -147,13 +154,13 @@ def calibration_from(fit: LoadFit, actuator: FitResult | None, known: Knowledge)
         measurement_delay_s=0.0,
         motion_delay_s=fit.result.motion_delay_s,
         sensor_stiffness_nm_rad=fit.sensor_stiffness_nm_rad,
-        sensor_damping_nms_rad=least_sensor_damping_nms_rad(fit, actuator),
+        sensor_damping_nms_rad=least_sensor_damping_nms_rad(fit, actuator_kgm2),
         torque_noise_nm=tare.torque_noise_nm,
         torque_bias_nm=tare.torque_bias_nm if fit.weight_nm else fit.torque_bias_nm,
         position_resolution_rad=fit.position_resolution_rad,
         position_jitter_s=fit.position_jitter_s,
-        actuator_inertia_kgm2=first_inertia_kgm2(actuator),
-        actuator_friction=first_friction(actuator),
+        actuator_inertia_kgm2=actuator_kgm2,
+        actuator_friction=friction,
         weight_nm=fit.weight_nm,
         covariance_names=network.covariance_names,
         covariance=network.covariance,
@@ -225,13 +232,12 @@ def well_known(actuator: FitResult) -> bool:
     )
 
 
-def least_sensor_damping_nms_rad(fit: LoadFit, actuator: FitResult | None) -> float:
+def least_sensor_damping_nms_rad(fit: LoadFit, actuator_kgm2: float | None) -> float:
     """What it has with a probability of 95 %, at the resonance of both machines.
 
     A feedback that is stable with too much damping may not be with what the sensor has. The twist tells little of it: a
     fifth of it, or more, is usual for its deviation.
     """
-    actuator_kgm2 = first_inertia_kgm2(actuator)
     mobility = 1 / fit.result.network.inertia_kgm2 + (1 / actuator_kgm2 if actuator_kgm2 else 0.0)
     return surely_damped_nms_rad(
         fit.sensor_damping_nms_rad, fit.sensor_damping_std_nms_rad, fit.sensor_stiffness_nm_rad, mobility

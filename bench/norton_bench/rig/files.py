@@ -21,6 +21,7 @@ MENDS = {
     "rig file": "norton-bench identify RIG runs the standard session on it, norton-bench run SESSION --rig RIG another",
     "session file": "norton-bench run SESSION runs it, on the rig that it names or on that of --rig",
     "column map": "norton-bench fit LOG --columns MAP reads a log by it",
+    "arm file": "norton-bench joints ARM measures the arm",
     "recording": "norton-bench fit RECORDING fits it again, norton-bench info RECORDING says what it holds",
 }
 
@@ -59,7 +60,11 @@ def check_kind(tables: Mapping[str, Any], kind: str, place: str, error: type[Usa
     """Raises ``error`` where a file that was read as a ``kind`` ("rig file") is one of another kind."""
     result = _kind_of(tables)
     if result not in ("", kind):
-        raise error(f"{place}: is a {result}, not a {kind}; {MENDS[result]}")
+        raise error(f"{place}: is {_with_article(result)}, not {_with_article(kind)}; {MENDS[result]}")
+
+
+def _with_article(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
 def _kind_of(tables: Mapping[str, Any]) -> str:
@@ -68,6 +73,8 @@ def _kind_of(tables: Mapping[str, Any]) -> str:
         return "session file"
     if isinstance(tables.get("columns"), dict):
         return "column map"
+    if isinstance(tables.get("joints"), dict):
+        return "arm file"
     if isinstance(tables.get("actuator"), dict) and ("limits" in tables or "rig" in tables):
         return "rig file"
     return ""

@@ -55,12 +55,16 @@ def radau(truths, arm: dict, targets: np.ndarray, elbow_rad: float) -> np.ndarra
         inertia = np.array([[i11, i12], [i12, i2 + m2 * c2**2]]) + own
         h = m2 * l1 * c2 * math.sin(e)
         coriolis = np.array([-h * (2 * omega[0] * omega[1] + omega[1] ** 2), h * omega[0] ** 2])
-        source = [least_jerk(t, 0.0, 0.0, c, each.actuator.movement_s) for c, each in zip(commands, truths, strict=True)]
+        source = [
+            least_jerk(t, 0.0, 0.0, c, each.actuator.movement_s) for c, each in zip(commands, truths, strict=True)
+        ]
         stiffness, damping = cross.copy(), np.array(cross_damping)
         port, load_rates = np.zeros(2), np.zeros((2, 3))
         for j, each in enumerate(truths):
             p = t / each.actuator.movement_s
-            stiffness[j, j] = each.actuator.stiffness_nm_rad + each.actuator.moving_stiffness_nm_rad * 16 * (p - p * p) ** 2
+            stiffness[j, j] = (
+                each.actuator.stiffness_nm_rad + each.actuator.moving_stiffness_nm_rad * 16 * (p - p * p) ** 2
+            )
             damping[j, j] = each.actuator.damping_nm_s_rad
             load, sensor = each.load, each.torque_sensor
             port[j] = sensor.stiffness_nm_rad * (theta[j] - s[j, 2]) + sensor.damping_nm_s_rad * (omega[j] - s[j, 3])
