@@ -7,7 +7,8 @@ At each frequency the two runs give two independent motions; the exertions follo
 with matrices that need not be symmetric. Torque and motion are read with different delays, of which three differences
 show. Noise is what differs from period to period; it is on torque and motion alike, so each residual is weighed by how
 much it scatters itself (maximum likelihood with a sample variance: Pintelon and Schoukens, System Identification, 2nd
-ed. 2012, chapter 12).
+ed. 2012, chapter 12). Two errors are the same in every period: a drift of the torque sensor, which is taken off, and
+that of the encoders' counts, whose variance is added.
 """
 
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.trials import seen
 from norton_bench.joints.arm import JOINTS, ImpedanceSection
 from norton_bench.joints.experiment import IMPEDANCE, MOVED, SIGNS, lines
@@ -43,11 +45,15 @@ ALIKE = 1e3
 @dataclass(frozen=True)
 class Spectra:
     """What one run showed: angles [rad] and torques [N m], each of shape (periods, lines, 2), and where the joints
-    stood in the mean (2,)."""
+    stood in the mean (2,).
+
+    ``count_rad`` (2,) is the deviation of the real or imaginary part of a line that the encoders' counts make.
+    """
 
     angle: ComplexArray
     torque: ComplexArray
     place_rad: FloatArray
+    count_rad: FloatArray
 
 
 @dataclass(frozen=True)
@@ -105,10 +111,10 @@ def spectra(joints: tuple[Measured, ...], section: ImpedanceSection, tick_s: flo
 
 
 def _spectra(joints: tuple[Measured, ...], name: str, section: ImpedanceSection, tick_s: float) -> Spectra:
-    angles, torques, places = zip(
+    angles, torques, places, counts = zip(
         *(_values(measured, _segment(measured, name), section, tick_s) for measured in joints), strict=True
     )
-    return Spectra(np.stack(angles, axis=-1), np.stack(torques, axis=-1), np.array(places))
+    return Spectra(np.stack(angles, axis=-1), np.stack(torques, axis=-1), np.array(places), np.array(counts))
 
 
 def _segment(measured: Measured, name: str) -> SegmentInfo:
@@ -120,18 +126,23 @@ def _segment(measured: Measured, name: str) -> SegmentInfo:
 
 def _values(
     measured: Measured, segment: SegmentInfo, section: ImpedanceSection, tick_s: float
-) -> tuple[ComplexArray, ComplexArray, float]:
-    """Angle and torque at each line, of each period after the first, shape (periods, lines); and the mean angle."""
+) -> tuple[ComplexArray, ComplexArray, float, float]:
+    """Angle and torque at each line, of each period after the first, shape (periods, lines); the mean angle; and what
+    counts make of a line."""
     ticks = round(section.period_s / tick_s)
     result = seen(measured, segment, (section.periods + 1) * ticks, tick_s)
     assert result.torque_nm is not None
 
     def at_lines(values: FloatArray) -> ComplexArray:
         periods = values[ticks:].reshape(section.periods, ticks)
-        return np.asarray(np.fft.rfft(periods, axis=1)[:, lines(section)] * 2 / ticks)
+        means = periods.mean(axis=1)
+        drift = (means[-1] - means[0]) / (section.periods - 1) * (np.arange(ticks) / ticks - 0.5)
+        return np.asarray(np.fft.rfft(periods - drift, axis=1)[:, lines(section)] * 2 / ticks)
 
     place_rad = float(np.mean(result.position_rad[ticks:]))
-    return at_lines(result.position_rad), at_lines(result.torque_nm), place_rad
+    # Errors of counts are spread evenly over a step, and white where a reading passes a step or more.
+    count_rad = resolution_of(measured.motion["position_rad"]).width / sqrt(12.0) * sqrt(2.0 / ticks)
+    return at_lines(result.position_rad), at_lines(result.torque_nm), place_rad, count_rad
 
 
 def fit(runs: tuple[Spectra, ...], section: ImpedanceSection) -> JointImpedance:
@@ -212,9 +223,11 @@ def _residuals(parameters: FloatArray, angle: ComplexArray, torque: ComplexArray
 def _deviations(runs: tuple[Spectra, ...], parameters: FloatArray, s: ComplexArray) -> FloatArray:
     """Of the real and of the imaginary part of each mean residual, (runs, lines, 2), from how it scatters."""
     scatter = []
+    impedance = impedance_at(parameters[:PARAMETERS].reshape(len(MATRICES), COUNT, COUNT), s)
     for run in runs:
         each = _residuals(parameters, run.angle, run.torque, s)
-        scatter.append(np.sum(np.abs(each - each.mean(axis=0)) ** 2, axis=0) / (len(each) - 1) / len(each) / 2)
+        noise = np.sum(np.abs(each - each.mean(axis=0)) ** 2, axis=0) / (len(each) - 1) / len(each) / 2
+        scatter.append(noise + np.abs(impedance) ** 2 @ run.count_rad**2)
     pooled = np.mean(scatter, axis=0)
     window = np.ones(min(SHARED_LINES, len(s)))
     share = np.convolve(np.ones(len(s)), window, "same")

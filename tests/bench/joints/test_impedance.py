@@ -35,7 +35,7 @@ def made(seed: int, noise_nm: float = 1e-3, more: float = 0.0, signs: tuple[floa
         def noisy(values, size, shape=shape):
             return values + size * (random.normal(size=shape) + 1j * random.normal(size=shape))
 
-        runs.append(Spectra(noisy(angle, 1e-6), noisy(torque, noise_nm), np.zeros(2)))
+        runs.append(Spectra(noisy(angle, 1e-6), noisy(torque, noise_nm), np.zeros(2), np.zeros(2)))
     return tuple(runs)
 
 
