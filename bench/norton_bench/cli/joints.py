@@ -36,8 +36,12 @@ def joints(
     from norton_bench.joints.run import write_source  # noqa: PLC0415
 
     arm, output = load_arm(arm_file, backend=backend), Output(json, quiet)
-    folder = run_folder(out or again, arm.name)
-    result = _measured(arm, folder, seed, output) if again is None else _again(arm, again)
+    if again is None:
+        folder = run_folder(out, arm.name)
+        result = _measured(arm, folder, seed, output)
+    else:
+        result = _again(arm, again)
+        folder = again if out is None else run_folder(out, arm.name)
     files = {"report": write_arm(folder / f"{arm.name}.html", result, f"norton-bench joints {arm_file}")}
     if result.source is not None:
         files["source"] = write_source(folder / f"{arm.name}.source.csv", result.source)
@@ -54,11 +58,11 @@ def joints(
 
 
 def _measured(arm: "Arm", folder: Path, seed: int | None, output: Output) -> "ArmResult":
-    from norton_bench.cli.operator import operator_here  # noqa: PLC0415
     from norton_bench.joints.run import run_arm  # noqa: PLC0415
+    from norton_bench.loop.stop_word import operator_stop  # noqa: PLC0415
 
-    with operator_here() as operator:
-        return run_arm(arm, folder, seed=seed, on_note=output.say, stop_request=operator.stop.heard)
+    with operator_stop() as stop_word:
+        return run_arm(arm, folder, seed=seed, on_note=output.say, stop_request=stop_word.heard)
 
 
 def _again(arm: "Arm", folder: Path) -> "ArmResult":

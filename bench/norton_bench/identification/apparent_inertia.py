@@ -1,6 +1,7 @@
 """How heavy an actuator without a model is at its port, from the shaking of a calibration."""
 
 from collections.abc import Iterator
+from math import sqrt
 
 import numpy as np
 
@@ -16,13 +17,17 @@ BAND_HZ = 8.0, 40.0
 WINDOW_S = 0.5
 # An inertia and a spring must explain this share of the impedance's real part: what resonates has no one inertia.
 EXPLAINED = 0.8
+# The controller allows for 30 %: with a deviation of 15 %, that is two of them.
+KNOWN_TO = 0.15
+FEWEST_LINES = 5
 
 
-def apparent_inertia_kgm2(measured: Measured, tick_s: float) -> float | None:
+def apparent_inertia_kgm2(measured: Measured, tick_s: float, torque_late_s: float = 0.0) -> float | None:
     """What torque and acceleration at the port have in common with the load's torque command [kg m²].
 
-    The actuator shakes at the same time, with a command of its own; only what goes with that of the load counts. None
-    where the port does not behave like an inertia and a spring.
+    The actuator shakes at the same time, with a command of its own; only what goes with that of the load counts.
+    ``torque_late_s`` is how much later the torque is read than the motion. None where the port does not behave like an
+    inertia and a spring, and where its inertia shows too little beside the spring.
     """
     cleaned = clean(measured).measured
     size = round(WINDOW_S / tick_s)
@@ -38,7 +43,8 @@ def apparent_inertia_kgm2(measured: Measured, tick_s: float) -> float | None:
     inside = (frequency_hz >= BAND_HZ[0]) & (frequency_hz <= BAND_HZ[1])
     pushed, angle, torque = (np.stack(each)[:, inside] for each in zip(*spectra, strict=True))
     moved, exerted = (np.sum(np.conj(pushed) * each, axis=0) for each in (angle, torque))
-    return _inertia_kgm2(moved, exerted, np.asarray(2 * np.pi * frequency_hz[inside], dtype=np.float64))
+    omega_rad_s: FloatArray = np.asarray(2 * np.pi * frequency_hz[inside], dtype=np.float64)
+    return _inertia_kgm2(moved, exerted * np.exp(1j * omega_rad_s * torque_late_s), omega_rad_s)
 
 
 def _windows(
@@ -67,9 +73,13 @@ def _inertia_kgm2(moved: ComplexArray, exerted: ComplexArray, omega_rad_s: Float
     """By least squares in torque: each frequency counts by how far the port was moved there."""
     weight = np.abs(moved)
     real = -(exerted / moved).real * weight
+    if omega_rad_s.size < FEWEST_LINES:
+        return None
     columns = np.stack([-(omega_rad_s**2) * weight, weight], axis=1)
     values, *_ = np.linalg.lstsq(columns, real, rcond=None)
-    left = real - columns @ values
-    explained = 1.0 - float(np.sum(left**2)) / float(np.sum(real**2))
+    left = float(np.sum((real - columns @ values) ** 2))
+    if left > (1.0 - EXPLAINED) * float(np.sum(real**2)):
+        return None
     inertia_kgm2 = float(values[0])
-    return inertia_kgm2 if explained >= EXPLAINED and inertia_kgm2 > 0.0 else None
+    variance = left / (omega_rad_s.size - 2) * float(np.linalg.inv(columns.T @ columns)[0, 0])
+    return inertia_kgm2 if sqrt(variance) <= KNOWN_TO * inertia_kgm2 else None

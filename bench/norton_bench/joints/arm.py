@@ -1,13 +1,16 @@
 """The file of an arm: which rigs its joints are on, and what is done with them."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from math import sin
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from norton_bench.errors import RigError
+from norton_bench.procedures.waves import HIGHEST_SHARE
 from norton_bench.rig.files import Mistakes, check_kind, parse_toml, read_text
 from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
@@ -15,6 +18,8 @@ from norton_bench.rig.schema import SectionModel
 from norton_bench.units import parse_quantity, quantity_in
 
 JOINTS = ("shoulder", "elbow")
+# A sine of the elbow's angle below this: the hand has next to no stiffness along the arm that joints could tell.
+BENT = 0.05
 SECTIONS = ("joints", "links", "impedance", "reach", "simulated")
 
 
@@ -93,6 +98,12 @@ class Arm:
     place: str = ""
 
     @property
+    def options(self) -> str:
+        """What was done with it, as the recordings keep it: they can be evaluated by the same options alone."""
+        reach = None if self.reach is None else asdict(self.reach)
+        return json.dumps({"tick_s": self.tick_s, "impedance": self.impedance.model_dump(), "reach": reach})
+
+    @property
     def tick_s(self) -> float:
         return self.rigs[0].tick_s
 
@@ -115,11 +126,19 @@ def load_arm(path: Path, *, backend: str | None = None) -> Arm:
     impedance = mistakes.read(ImpedanceSection, written.get("impedance", {}), "impedance")
     reach = mistakes.read(ReachSection, written["reach"], "reach") if "reach" in written else None
     links = mistakes.read(LinksSection, written["links"], "links") if "links" in written else None
+    if not isinstance(written.get("simulated", {}), dict):
+        mistakes.add("[simulated]", "is a section; write [simulated] on a line of its own")
+    if links is not None and abs(sin(links.elbow_rad)) < BENT:
+        mistakes.add(
+            "[links] elbow", "the arm is stretched out or folded: its hand has no stiffness along the arm; bend it"
+        )
     mistakes.raise_as(RigError)
     assert joints is not None
     assert impedance is not None
     shoulder, elbow = (load_rig(path.parent / name, backend=backend) for name in (joints.shoulder, joints.elbow))
     _check(shoulder, elbow, mistakes)
+    if impedance.highest_hz > HIGHEST_SHARE / shoulder.tick_s:
+        mistakes.add("[impedance] highest", f"is more than a fifth of the rate in {shoulder.place}; lower it")
     wanted = None if reach is None else _reach(reach, (shoulder, elbow), mistakes)
     mistakes.raise_as(RigError)
     return Arm(joints.name, (shoulder, elbow), impedance, wanted, links, written.get("simulated", {}), place)
@@ -132,10 +151,26 @@ def _check(shoulder: Rig, elbow: Rig, mistakes: Mistakes) -> None:
         mistakes.add("[joints]", "the rigs have different rates; give both the same [rig] rate")
     if shoulder.backend != elbow.backend:
         mistakes.add("[joints]", "one rig is simulated and the other is not; give both the same [rig] backend")
+    for device in sorted(_places(shoulder) & _places(elbow)):
+        mistakes.add(
+            "[joints]", f"both rigs have a device at {device}; give every device of both an address of its own"
+        )
     for rig in (shoulder, elbow):
         lacking = [name for name in ("load", "torque_sensor") if getattr(rig.wiring, name) is None]
         if lacking:
             mistakes.add(f"[joints] {rig.name}", f"{rig.place} has no [{lacking[0]}], which the joint needs; add it")
+
+
+def _places(rig: Rig) -> set[str]:
+    """Where each device is: its serial port, or its address on its bus."""
+    channels = {bus.name: f"{bus.interface} {bus.channel}" for bus in rig.wiring.buses}
+    places = set()
+    for device in rig.wiring.devices():
+        node = device.options.get("node")
+        where = device.port or channels.get(device.bus or "", "")
+        if device.port is not None or node is not None:
+            places.add(where if node is None else f"node {node} of {where}")
+    return places
 
 
 def _reach(section: ReachSection, rigs: tuple[Rig, Rig], mistakes: Mistakes) -> Reach:

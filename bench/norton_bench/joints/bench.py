@@ -4,12 +4,13 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 
 from norton_bench.joints.arm import Arm
 from norton_bench.loop.in_process import InProcessLoop, loop_in_process
-from norton_bench.loop.loop import run_together, running_together
+from norton_bench.loop.together import run_together, running_together
 from norton_bench.procedures.knowledge import Knowledge, Procedure, carry_out
 from norton_bench.recording.disk import Need
 from norton_bench.recording.recorder import Recorder
@@ -26,6 +27,8 @@ from norton_drivers.ports import Backend
 from norton_drivers.real_time import frozen_garbage
 from norton_drivers.registry import load_backend
 
+# In the recordings of both joints: what was done with the arm, and which run it was.
+ARM, RUN = "arm", "run"
 # An arm swings at some hertz, and comes to rest within some periods.
 REST_S = 2.0
 # What is carried out on all joints at once: a segment for each of them.
@@ -119,13 +122,13 @@ def open_benches(
             for rig, backend in zip(arm.rigs, backends, strict=True)
         )
         stack.enter_context(frozen_garbage())
-        recorders = []
+        recorders, run = [], uuid4().hex
         for rig, loop, backend in zip(arm.rigs, loops, backends, strict=True):
             metadata = provenance(rig, Session((), arm.place), seed, tuple(loop.identify()))
             recorder = Recorder(
                 out / f"{rig.name}.mcap",
                 rig_text=rig.text,
-                metadata={**metadata, "loop": loop.place},
+                metadata={**metadata, "loop": loop.place, ARM: arm.options, RUN: run},
                 patience_s=LOCK_STEP_PATIENCE_S if backend.lock_step else 0.0,
                 need=Need.of(rig.tick_s, planned_s),
                 candump=rig.candump,

@@ -1,6 +1,6 @@
 """What is done with the joints of an arm: their ports are moved about where they rest, and let go of during reaches."""
 
-from math import sqrt
+from math import floor, sqrt
 
 import numpy as np
 
@@ -26,14 +26,17 @@ SETTLE_S, FREE_S = 0.5, 2.0
 
 
 def lines(section: ImpedanceSection) -> IntArray:
-    """Which multiples of 1/period the motion consists of, shape (lines,): spread over the logarithm of frequency.
+    """Which multiples of 1/period the motion consists of, shape (lines,): :data:`MOST_LINES` at most.
 
     Odd ones alone: an arm's inertia changes with its angles, and what that adds lies on even ones (Pintelon and
     Schoukens, chapter 4).
     """
     first, last = section.lowest_hz * section.period_s, section.highest_hz * section.period_s
-    odd = 2 * np.round((np.geomspace(first, last, MOST_LINES) - 1.0) / 2.0).astype(np.int64) + 1
-    return np.unique(odd[(odd >= first) & (odd <= last)])
+    odd = np.arange(1, floor(last) + 1, 2)
+    inside = odd[odd >= first]
+    if inside.size <= MOST_LINES:
+        return inside
+    return np.asarray(inside[np.unique(np.round(np.geomspace(1, inside.size, MOST_LINES)).astype(np.int64)) - 1])
 
 
 def motion(section: ImpedanceSection, tick_s: float, periods: int) -> Motion:

@@ -10,13 +10,12 @@ from math import cos, degrees, sin
 import numpy as np
 
 from norton_bench.arrays import FloatArray
-from norton_bench.errors import UsageError
-from norton_bench.joints.arm import LinksSection
-from norton_bench.joints.impedance import JointImpedance
+from norton_bench.distributions import t_quantile
+from norton_bench.errors import ExperimentError
+from norton_bench.joints.arm import BENT, LinksSection
+from norton_bench.joints.impedance import LEVEL, JointImpedance
 
 DRAWS = 2000
-# Straighter than this the hand has no stiffness along the arm that joints could tell.
-BENT = 0.05
 
 
 @dataclass(frozen=True)
@@ -50,11 +49,12 @@ def jacobian_m(links: LinksSection, turned_rad: FloatArray) -> FloatArray:
 
 
 def hand_stiffness(impedance: JointImpedance, links: LinksSection) -> HandStiffness:
-    """Where the joints were moved about. Raises UsageError for an arm that is stretched out or folded."""
+    """Where the joints were moved about. Raises ExperimentError for an arm that was stretched out or folded there."""
     jacobian = jacobian_m(links, np.asarray(impedance.place_rad))
     if abs(np.linalg.det(jacobian)) < BENT * links.upper_m * links.lower_m:
-        raise UsageError("[links]: the arm is stretched out or folded, so that its hand has no stiffness along itself")
+        raise ExperimentError("the arm was stretched out or folded: its hand has no stiffness along the arm")
     inverse = np.linalg.inv(jacobian)
+    wide = t_quantile(LEVEL, impedance.freedom)
     random = np.random.default_rng(0)
     deviation = impedance.covariance[-4:, -4:]
     drawn = random.multivariate_normal(impedance.stiffness.ravel(), deviation, DRAWS).reshape(-1, 2, 2)
@@ -64,12 +64,12 @@ def hand_stiffness(impedance: JointImpedance, links: LinksSection) -> HandStiffn
     direction = degrees(float(np.arctan2(axes[1, 1], axes[0, 1]))) % 180.0
     return HandStiffness(
         stiffness,
-        1.96 * np.std(at_hand, axis=0),
+        wide * np.std(at_hand, axis=0),
         float(values[1]),
         float(values[0]),
         direction,
         float(_curl(stiffness)),
-        1.96 * float(np.std(_curl(at_hand))),
+        wide * float(np.std(_curl(at_hand))),
     )
 
 

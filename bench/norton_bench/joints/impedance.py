@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from norton_bench.arrays import ComplexArray, FloatArray
-from norton_bench.distributions import t_quantile
+from norton_bench.distributions import f_tail, t_quantile
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.counts import resolution_of
 from norton_bench.identification.trials import seen
@@ -32,8 +32,8 @@ COUNT = len(JOINTS)
 PARAMETERS = len(MATRICES) * COUNT**2
 DELAYS = 3
 LEVEL = 0.975
-# More is chance once in a thousand: by the F distribution of 57 numbers in the fit and 60 in their weights.
-MISFIT = 1.5
+# A misfit that chance makes more rarely than this is none of chance.
+CHANCE = 1e-3
 # Rounds of weighing: what a residual scatters by depends on the impedance, which changes little after the first.
 ROUNDS = 3
 # The variance of one line is told by few periods; so many lines beside each other share theirs.
@@ -61,10 +61,10 @@ class JointImpedance:
     """M, B and K by row the joint that exerts, by column the joint that moves; each of shape (2, 2).
 
     ``covariance`` (12, 12) is that of their entries, in that order, row by row. ``half`` are half-widths of 95 %
-    intervals. ``misfit`` is the rms residual over that of noise: above :data:`MISFIT` something else answers than an
-    inertia, a damper and a spring; the intervals are wider by as much. ``frequency_hz`` and ``measured`` (lines, 2, 2)
-    are what was seen without any model, delays of reading taken off. ``place_rad`` is where the joints stood in the
-    mean, ``swing_rad`` how far they were moved to either side.
+    intervals. ``misfit`` is the rms residual over that of noise; where it is not ``adequate``, something else answers
+    than an inertia, a damper and a spring, and the intervals are wider by as much. ``frequency_hz`` and ``measured``
+    (lines, 2, 2) are what was seen without any model, delays of reading taken off. ``place_rad`` is where the joints
+    stood in the mean, ``swing_rad`` how far they were moved to either side.
     """
 
     inertia: FloatArray
@@ -72,6 +72,7 @@ class JointImpedance:
     stiffness: FloatArray
     covariance: FloatArray
     freedom: int
+    weights_freedom: int
     misfit: float
     delays_s: FloatArray
     frequency_hz: FloatArray
@@ -92,7 +93,8 @@ class JointImpedance:
 
     @property
     def adequate(self) -> bool:
-        return self.misfit <= MISFIT
+        """Whether chance makes as great a misfit: by the F distribution of what the fit leaves and of its weights."""
+        return float(f_tail(self.misfit**2, self.freedom, self.weights_freedom)) > CHANCE
 
     def at(self, s: ComplexArray) -> ComplexArray:
         """Z(s) for s (n,), shape (n, 2, 2)."""
@@ -112,16 +114,19 @@ def spectra(joints: tuple[Measured, ...], section: ImpedanceSection, tick_s: flo
 
 def _spectra(joints: tuple[Measured, ...], name: str, section: ImpedanceSection, tick_s: float) -> Spectra:
     angles, torques, places, counts = zip(
-        *(_values(measured, _segment(measured, name), section, tick_s) for measured in joints), strict=True
+        *(_values(measured, _segment(measured, name, section), section, tick_s) for measured in joints), strict=True
     )
     return Spectra(np.stack(angles, axis=-1), np.stack(torques, axis=-1), np.array(places), np.array(counts))
 
 
-def _segment(measured: Measured, name: str) -> SegmentInfo:
+def _segment(measured: Measured, name: str, section: ImpedanceSection) -> SegmentInfo:
     chosen = [each for each in measured.segments if each.procedure == IMPEDANCE and each.name == name]
     if not chosen:
         raise ExperimentError(f'"{IMPEDANCE}: {name}" is not in the recording; run the arm again')
-    return chosen[-1]
+    segment = chosen[-1]
+    if segment.end_ns - segment.start_ns < (section.periods + 1) * section.period_s * 1e9:
+        raise ExperimentError(f'"{IMPEDANCE}: {name}" ended before its end; run the arm again')
+    return segment
 
 
 def _values(
@@ -168,6 +173,7 @@ def fit(runs: tuple[Spectra, ...], section: ImpedanceSection) -> JointImpedance:
         stiffness=stiffness,
         covariance=np.asarray(inverse * max(misfit, 1.0) ** 2, dtype=np.float64),
         freedom=freedom,
+        weights_freedom=2 * len(runs) * (len(runs[0].angle) - 1) * min(SHARED_LINES, len(s)),
         misfit=misfit,
         delays_s=delays_s,
         frequency_hz=frequency_hz,
@@ -223,16 +229,16 @@ def _residuals(parameters: FloatArray, angle: ComplexArray, torque: ComplexArray
 def _deviations(runs: tuple[Spectra, ...], parameters: FloatArray, s: ComplexArray) -> FloatArray:
     """Of the real and of the imaginary part of each mean residual, (runs, lines, 2), from how it scatters."""
     scatter = []
-    impedance = impedance_at(parameters[:PARAMETERS].reshape(len(MATRICES), COUNT, COUNT), s)
     for run in runs:
         each = _residuals(parameters, run.angle, run.torque, s)
-        noise = np.sum(np.abs(each - each.mean(axis=0)) ** 2, axis=0) / (len(each) - 1) / len(each) / 2
-        scatter.append(noise + np.abs(impedance) ** 2 @ run.count_rad**2)
+        scatter.append(np.sum(np.abs(each - each.mean(axis=0)) ** 2, axis=0) / (len(each) - 1) / len(each) / 2)
     pooled = np.mean(scatter, axis=0)
     window = np.ones(min(SHARED_LINES, len(s)))
     share = np.convolve(np.ones(len(s)), window, "same")
     smooth = np.stack([np.convolve(pooled[:, joint], window, "same") / share for joint in range(COUNT)], axis=1)
-    return np.broadcast_to(np.sqrt(smooth), (len(runs), *smooth.shape))
+    impedance = impedance_at(parameters[:PARAMETERS].reshape(len(MATRICES), COUNT, COUNT), s)
+    counts = np.stack([np.abs(impedance) ** 2 @ run.count_rad**2 for run in runs])
+    return np.asarray(np.sqrt(smooth + counts))
 
 
 def _whitened(

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.joints.arm import JOINTS
 from norton_bench.joints.hand import HandStiffness
-from norton_bench.joints.impedance import MISFIT, UNITS, JointImpedance
+from norton_bench.joints.impedance import UNITS, JointImpedance
 from norton_bench.joints.run import ArmResult
 from norton_bench.joints.source import SourcePath
 from norton_bench.report.figures_network import legend
@@ -37,6 +37,7 @@ def arm_data(result: ArmResult) -> dict[str, Any]:
         "adequate": impedance.adequate,
         "hand": None if hand is None else _hand_data(hand),
         "source": None if source is None else _source_data(source),
+        "notes": list(result.notes),
         "recordings": list(result.recordings),
     }
 
@@ -90,8 +91,8 @@ def sentences(result: ArmResult) -> Iterator[str]:
         yield f"An inertia, a damper and a spring explain the torques: {left}."
     else:
         yield (
-            f"An inertia, a damper and a spring do not explain the torques: {left}, and {MISFIT:g} is the most that "
-            "chance allows. The intervals are wider by as much. Friction, play or too large a swing do this; try a "
+            f"An inertia, a damper and a spring do not explain the torques: {left}, more than chance makes once in a "
+            "thousand times. The intervals are wider by as much. Friction, play or too large a swing do this; try a "
             "smaller one."
         )
     if hand is not None:
@@ -108,6 +109,7 @@ def sentences(result: ArmResult) -> Iterator[str]:
             f"Source: mean of {source.trials} reaches. {torques} rms were left at the ports, and are accounted for "
             "with the impedance of the posture."
         )
+    yield from result.notes
 
 
 def write_arm(path: Path, result: ArmResult, command: str) -> Path:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.identification.cleaning import clean
 from norton_bench.joints import experiment
 from norton_bench.joints.arm import JOINTS, Arm
-from norton_bench.joints.bench import open_benches
+from norton_bench.joints.bench import ARM, RUN, open_benches
 from norton_bench.joints.hand import HandStiffness, hand_stiffness
 from norton_bench.joints.impedance import JointImpedance, fit, spectra
 from norton_bench.joints.source import SourcePath, source_path
@@ -18,17 +19,21 @@ from norton_bench.procedures.calibrate import CalibrateProcedure
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.reader import read_recording
 
+# A swing smaller than this share of the one asked for was made smaller on purpose.
+SMALLER = 0.95
 PREPARATION = (TareProcedure(), CalibrateProcedure())
 
 
 @dataclass(frozen=True)
 class ArmResult:
-    """``source`` is None where the file asks for no reach, ``hand`` where it knows no lengths."""
+    """``source`` is None where the file asks for no reach, ``hand`` where it knows no lengths, and both where ``notes``
+    say why."""
 
     name: str
     impedance: JointImpedance
     source: SourcePath | None = None
     hand: HandStiffness | None = None
+    notes: tuple[str, ...] = ()
     recordings: tuple[Path, ...] = ()
     metadata: Mapping[str, str] | None = None
 
@@ -59,6 +64,9 @@ def record_arm(
     stop_request: Callable[[], str | None] = never_stop,
 ) -> None:
     """The experiment alone. Raises as :func:`run_arm` does."""
+    for procedure in PREPARATION:
+        for rig in arm.rigs:
+            procedure.require(rig)
     with open_benches(arm, out, seed=seed, planned_s=planned_s(arm), stop_request=stop_request) as benches:
         for finding in benches.verify_watchdogs():
             on_note(finding)
@@ -71,6 +79,9 @@ def record_arm(
         if arm.reach is not None:
             on_note(f"reach: {arm.reach.trials} reaches without torque")
             benches.perform(experiment.REACH, experiment.reaches(arm, arm.reach))
+    for recorder in benches.recorders:
+        if recorder.dropped_parts:
+            on_note(f"{recorder.path}: {recorder.dropped_parts} parts were not recorded: the disk was too slow")
 
 
 def planned_s(arm: Arm) -> float:
@@ -82,14 +93,38 @@ def planned_s(arm: Arm) -> float:
 def conclude_arm(arm: Arm, recordings: Sequence[Path]) -> ArmResult:
     """From the recordings of shoulder and elbow. Raises UsageError for a file, ExperimentError for what it holds."""
     read = [read_recording(path, raw_frames=False) for path in recordings]
+    _check(arm, recordings, [each.metadata for each in read])
     joints = tuple(clean(each.measured).measured for each in read)
     impedance = fit(spectra(joints, arm.impedance, arm.tick_s), arm.impedance)
     result = ArmResult(arm.name, impedance, recordings=tuple(recordings), metadata=read[0].metadata)
-    if arm.reach is not None:
-        result = replace(result, source=source_path(joints, impedance, arm.tick_s))
-    if arm.links is not None:
-        result = replace(result, hand=hand_stiffness(impedance, arm.links))
+    if max(impedance.swing_rad) < SMALLER * arm.impedance.swing_rad:
+        result = _noted(result, "The swing was made smaller, to stay within 80 % of every limit of both rigs.")
+    try:
+        if arm.reach is not None:
+            result = replace(result, source=source_path(joints, impedance, arm.tick_s))
+        if arm.links is not None:
+            result = replace(result, hand=hand_stiffness(impedance, arm.links))
+    except ExperimentError as error:
+        result = _noted(result, f"Not evaluated: {error}.")
     return result
+
+
+def _noted(result: ArmResult, sentence: str) -> ArmResult:
+    return replace(result, notes=(*result.notes, sentence))
+
+
+def _check(arm: Arm, recordings: Sequence[Path], metadata: Sequence[Mapping[str, str]]) -> None:
+    """Raises UsageError for recordings of another arm, of other options, or of two runs."""
+    for path, rig, each in zip(recordings, arm.rigs, metadata, strict=True):
+        if ARM not in each or each["rig"] != rig.name:
+            raise UsageError(f"{path}: is no recording of the joint {rig.name}; give the folder of a run of this arm")
+        if each[ARM] != arm.options:
+            raise UsageError(
+                f"{path}: was measured with other options than {arm.place} has now; put [impedance], [reach] and the "
+                "rate back, or measure again"
+            )
+    if metadata[0][RUN] != metadata[1][RUN]:
+        raise UsageError(f"{recordings[0]} and {recordings[1]} are of two runs; give the folder of one")
 
 
 def write_source(path: Path, source: SourcePath) -> Path:

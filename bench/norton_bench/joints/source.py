@@ -18,7 +18,9 @@ from norton_bench.records import Measured
 
 # What the port's torque is accounted for up to; above, an arm is too heavy to answer.
 HIGHEST_HZ = 15.0
-FIRST_FREE = 2  # a first reach begins where the friction of the loads left the arm
+LEFT_OUT = 1  # a first reach begins where the friction of the loads left the arm
+FEWEST = 2  # to see how much reaches differ
+LEAST_SHARE = 0.98  # of its ticks, of a reach that counts as whole
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,17 @@ class SourcePath:
 def source_path(joints: tuple[Measured, ...], impedance: JointImpedance, tick_s: float) -> SourcePath:
     """Of the way out, from what each joint measured. Raises ExperimentError where too few trials are there."""
     names = [each.name for each in joints[0].segments if each.procedure == REACH and each.name.startswith(OUT)]
-    if len(names) <= FIRST_FREE:
-        raise ExperimentError(
-            f"only {len(names)} reaches are in the recording, and the first says nothing; run it again"
-        )
-    motions, torques = zip(*(_trial(joints, name, tick_s) for name in names[FIRST_FREE - 1 :]), strict=True)
-    angle, torque = np.stack(motions), np.stack(torques)
+    if len(names) < LEFT_OUT + FEWEST:
+        raise ExperimentError(f"there are {len(names)} reaches, of which the first says nothing; the source needs more")
+    motions, torques = zip(*(_trial(joints, name, tick_s) for name in names[LEFT_OUT:]), strict=True)
+    ticks = max(map(len, motions))
+    whole = [place for place, each in enumerate(motions) if len(each) >= LEAST_SHARE * ticks]
+    ticks = min(len(motions[place]) for place in whole)
+    angle, torque = (np.stack([values[place][:ticks] for place in whole]) for values in (motions, torques))
+    if len(angle) < FEWEST:
+        raise ExperimentError("fewer than two whole reaches are in the recording after the first one")
     corrections = np.stack([_answer(each, impedance, tick_s) for each in torque])
     paths = angle + corrections
-    ticks = paths.shape[1]
     settle = round(SETTLE_S / tick_s)
     paths = paths - paths[:, :settle].mean(axis=(0, 1))
     deviation = np.std(paths, axis=0, ddof=1) / np.sqrt(len(paths))

@@ -173,9 +173,12 @@ class Devices:
             found.append(device.identify())
         return found
 
-    def enable(self) -> None:
-        """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again."""
-        self._enable(self.drives)
+    def enable(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """Close every drive's torque loop at zero torque. Raises DeviceError; the drives are then idle again.
+
+        ``meanwhile`` is called again and again until all are enabled.
+        """
+        self._enable(self.drives, meanwhile)
 
     def verify_watchdogs(self) -> tuple[WatchdogFinding, ...]:
         """Enable the drives at zero, send nothing more, and wait until each has made itself safe; one result a drive.
@@ -200,25 +203,26 @@ class Devices:
         All drives get zero before the first is idled. A drive that fails does not keep the others from being stopped.
         """
         self.zero()
-        return self.idle()
+        return (*self.tell_idle(), *self.await_idle())
 
     def zero(self) -> None:
         """Command zero torque to every drive; never raises."""
         for drive in self.drives:
-            with suppress(Exception):  # what cannot be sent is tried again by idle, and complained of at its end
+            with suppress(Exception):  # what cannot be sent is complained of by tell_idle and await_idle
                 drive.command(0.0)
 
-    def idle(self) -> tuple[str, ...]:
-        """Idle every drive; returns what failed, never raises."""
+    def tell_idle(self) -> tuple[str, ...]:
+        """Tell every drive to idle; returns what failed, never raises."""
         complaints = list[str]()
         for drive in self.drives:
             self._idle(drive, complaints)
-        return (*complaints, *self._await_idle())
+        return tuple(complaints)
 
-    def _enable(self, drives: Sequence[Amplifier]) -> None:
+    def _enable(self, drives: Sequence[Amplifier], meanwhile: Callable[[], None] = lambda: None) -> None:
         enabled: list[Amplifier] = []
 
         def feed_watchdogs() -> None:
+            meanwhile()
             for drive in enabled:
                 drive.command(0.0)
 
@@ -241,7 +245,7 @@ class Devices:
         except Exception as error:  # no driver may; should one all the same, the other drive is still to be stopped
             complaints.append(f"{drive.role} drive: its driver failed to stop it ({error}): switch off its supply")
 
-    def _await_idle(self) -> tuple[str, ...]:
+    def await_idle(self) -> tuple[str, ...]:
         """Repeat the command to idle until all are; a port that is lost does not end that for the others."""
         began_ns = told_ns = self.clock.now_ns()
         unheard: Exception | None = None

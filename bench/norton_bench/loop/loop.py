@@ -1,7 +1,7 @@
 """The loop: a tick is one straight line (:meth:`Loop.tick`), and however it ends, the drives are idle then."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -16,8 +16,9 @@ from norton_bench.loop.devices import Devices, WatchdogFinding
 from norton_bench.loop.outbox import Outlet
 from norton_bench.loop.segment_run import SegmentRun, Step
 from norton_bench.loop.stop_word import never_stop
+from norton_bench.loop.together import RunningSegment, run_together, running_together
 from norton_bench.loop.troubles import TroubleLog
-from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, Tick, join
+from norton_bench.records import NO_SEGMENT, Measured, SegmentInfo, Tick
 from norton_bench.sample import Alignment, Sample
 from norton_bench.segments import Segment, Use
 from norton_drivers.errors import DeviceError
@@ -130,16 +131,21 @@ class Loop:
         now_ns = self._clock.now_ns()
         self.alignment.update(now_ns, now_ns, arrivals)
 
-    def idled(self) -> None:
-        """Idle the drives, and hand on what was measured, with what failed."""
-        for complaint in self.devices.idle():
-            self.outbox.put_event(self._clock.now_ns(), "drive", complaint)
-        self._troubles.end(self._clock.now_ns())
-        self.outbox.hand_on()
+    def tell_idle(self) -> None:
+        """Tell every drive to idle; what fails is an event."""
+        self._complain(self.devices.tell_idle())
 
-    def start(self) -> None:
+    def await_idle(self) -> None:
+        """Wait until every drive is idle; what fails is an event."""
+        self._complain(self.devices.await_idle())
+        self._troubles.end(self._clock.now_ns())
+
+    def _complain(self, complaints: Iterable[str]) -> None:
+        for complaint in complaints:
+            self.outbox.put_event(self._clock.now_ns(), "drive", complaint)
+
+    def start(self, now_ns: int) -> None:
         """The first tick is due a tick from now; nothing has been commanded."""
-        now_ns = self._clock.now_ns()
         self._sample, self._sent = self.alignment.update(now_ns, now_ns, self.devices.receive()), NOTHING
         self.guard.begin(self._sample)
         self._troubles.begin(now_ns)
@@ -155,20 +161,20 @@ class Loop:
         """
         return run_together((self,), (segment,))[0]
 
-    def begin(self, segment: Segment) -> "Stretch":
+    def begin(self, segment: Segment) -> RunningSegment:
         """The segment, ready for its first tick."""
         self._last = run = self._prepared(segment)
         self._label = self._segments
-        return Stretch(self, run, self._next_ns)
+        return RunningSegment(self, run, self._next_ns)
 
-    def end(self, stretch: "Stretch") -> None:
+    def end(self, segment: RunningSegment) -> None:
         """No further tick of it, whatever the reason."""
-        self._ended(stretch.run)
+        self._ended(segment.run)
         self._segments += 1
 
-    def info(self, stretch: "Stretch") -> SegmentInfo:
-        """The stretch so far."""
-        return SegmentInfo.of(stretch.run.segment, self._segments, stretch.start_ns, self._next_ns)
+    def info(self, segment: RunningSegment) -> SegmentInfo:
+        """What the recording says of it so far."""
+        return SegmentInfo.of(segment.run.segment, self._segments, segment.start_ns, self._next_ns)
 
     def hold(self, ordered: Callable[[], bool]) -> None:
         """Go on as the last segment ended, guarded, until there is an order; these ticks belong to no segment.
@@ -253,6 +259,16 @@ class Loop:
             self._troubles.look(begun_ns)
         return full
 
+    @property
+    def next_tick_ns(self) -> int:
+        """When the next tick is due."""
+        return self._next_ns
+
+    def skip_to(self, run: SegmentRun, due_ns: int) -> None:
+        """Miss all ticks before ``due_ns``, because another loop has. Raises SafetyStopError."""
+        if missed := self._skip_missed(run, due_ns):
+            run.skip(missed)
+
     def _read_ahead(self) -> None:
         """While the tick waits: what has come by then need not be read when time is short."""
         self.devices.link.read_ahead()
@@ -320,71 +336,3 @@ class Loop:
             "motor_temperature_c": actuator.motor_temperature_c,
             "load_motor_temperature_c": load.motor_temperature_c,
         }
-
-
-@dataclass
-class Stretch:
-    """A segment while it runs on one loop, with what was measured in it so far."""
-
-    loop: Loop
-    run: SegmentRun
-    start_ns: int
-    parts: list[Measured] = field(default_factory=list)
-
-    @property
-    def over(self) -> bool:
-        return self.run.index >= self.run.ticks or self.run.fast
-
-    def tick(self) -> None:
-        if self.loop.tick(self.run):
-            self.hand_on()
-
-    def hand_on(self) -> None:
-        self.parts.append(self.loop.outbox.hand_on(self.loop.info(self)).without_frames())
-
-
-@contextmanager
-def running_together(loops: Sequence[Loop]) -> Iterator[None]:
-    """The drives of all loops enabled inside, idle outside, whatever happens in between; they have one clock.
-
-    All of them get zero before the first is idled. Raises as :meth:`Loop.running`.
-    """
-    for loop in loops:
-        loop.guard.permit()
-    with loops[0].on_time():
-        for loop in loops:
-            loop.listen()
-        enabled: list[Loop] = []
-        try:
-            for loop in loops:
-                loop.devices.enable()
-                enabled.append(loop)
-            for loop in loops:
-                loop.start()
-            yield
-        except (BenchError, DeviceError) as error:
-            for loop in enabled:
-                loop.outbox.put_event(loop.devices.clock.now_ns(), "stop", str(error))
-            raise
-        finally:
-            for loop in enabled:
-                loop.devices.zero()
-            for loop in enabled:
-                loop.idled()
-
-
-def run_together(loops: Sequence[Loop], segments: Sequence[Segment]) -> tuple[Measured, ...]:
-    """Run a segment on each of the loops at once, tick by tick, until the first of them ends; what each measured.
-
-    Raises as :meth:`Loop.run`.
-    """
-    stretches = [loop.begin(segment) for loop, segment in zip(loops, segments, strict=True)]
-    try:
-        while not any(stretch.over for stretch in stretches):
-            for stretch in stretches:
-                stretch.tick()
-    finally:
-        for stretch in stretches:
-            stretch.hand_on()
-            stretch.loop.end(stretch)
-    return tuple(join(stretch.parts) for stretch in stretches)

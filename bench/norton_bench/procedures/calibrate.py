@@ -105,7 +105,7 @@ class CalibrateProcedure:
             actuator = self._actuator(known, measured)
             calibration = calibration_from(fit, known, first_inertia_kgm2(actuator), first_friction(actuator))
             return replace(known, calibration=calibration, actuator=actuator)
-        inertia_kgm2 = apparent_inertia_kgm2(measured, known.tick_s)
+        inertia_kgm2 = apparent_inertia_kgm2(measured, known.tick_s, -fit.result.motion_delay_s)
         return replace(known, calibration=calibration_from(fit, known, inertia_kgm2), actuator=None)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:

@@ -14,7 +14,7 @@ TICK_S, TICKS = 1e-3, 8000
 LOAD_KGM2 = 6e-3
 
 
-def shaken(impedance, noise_nm: float = 0.02, actuator_nm: float = 3.0) -> Measured:
+def shaken(impedance, noise_nm: float = 0.02, actuator_nm: float = 3.0, late_ticks: int = 0) -> Measured:
     """A load of LOAD_KGM2 and an actuator with this impedance(s), rigidly joined, shaken from both ends."""
     pushed = 10.0 * multisine(TICKS * TICK_S, TICK_S, low_hz=1.0, high_hz=200.0, seed=1)
     own = actuator_nm * multisine(TICKS * TICK_S, TICK_S, low_hz=1.0, high_hz=200.0, seed=2)
@@ -23,7 +23,7 @@ def shaken(impedance, noise_nm: float = 0.02, actuator_nm: float = 3.0) -> Measu
     spectra = [np.fft.rfft(each) for each in (pushed, own)]
     angle = sum(spectra) / (LOAD_KGM2 * s**2 + impedance(s))
     position = np.fft.irfft(angle, TICKS)
-    torque = np.fft.irfft(spectra[1] - impedance(s) * angle, TICKS)
+    torque = np.roll(np.fft.irfft(spectra[1] - impedance(s) * angle, TICKS), late_ticks)
     random = np.random.default_rng(3)
     stamps = np.arange(TICKS) * 1_000_000
     ticks, motion, readings = np.zeros(TICKS, TICK), np.zeros(TICKS, MOTION), np.zeros(TICKS, TORQUE)
@@ -49,6 +49,16 @@ def test_a_machine_that_resonates_in_the_band_has_no_one_inertia():
         return 2e-3 * s**2 + spring * 0.02 * s**2 / (0.02 * s**2 + spring)
 
     assert apparent_inertia_kgm2(shaken(impedance), TICK_S) is None
+
+
+def test_beside_a_stiff_spring_a_light_body_is_not_weighed():
+    measured = shaken(lambda s: 1e-4 * s**2 + 0.5 * s + 1000.0)
+    assert apparent_inertia_kgm2(measured, TICK_S) is None
+
+
+def test_a_delay_that_is_known_is_taken_off():
+    late = shaken(lambda s: 0.02 * s**2 + 0.5 * s + 100.0, late_ticks=2)
+    assert apparent_inertia_kgm2(late, TICK_S, 2 * TICK_S) == pytest.approx(0.02, rel=0.1)
 
 
 def test_nothing_is_said_without_shaking():

@@ -90,7 +90,7 @@ def impedance(stiffness: np.ndarray) -> JointImpedance:
     zeros = np.zeros((2, 2))
     covariance = np.diag([1e-6] * 8 + [0.01] * 4)
     return JointImpedance(
-        zeros, zeros, stiffness, covariance, 57, 1.0, np.zeros(3), np.ones(1), np.zeros((1, 2, 2), complex),
+        zeros, zeros, stiffness, covariance, 57, 60, 1.0, np.zeros(3), np.ones(1), np.zeros((1, 2, 2), complex),
         (0.03, 0.03), (0.0, 0.0),
     )  # fmt: skip
 

@@ -11,8 +11,8 @@ from norton_bench.cli.app import main
 from norton_bench.errors import SafetyStopError
 from norton_bench.joints.arm import load_arm
 from norton_bench.joints.bench import open_benches
-from norton_bench.loop.loop import run_together, running_together
 from norton_bench.loop.stop_word import never_stop
+from norton_bench.loop.together import run_together, running_together
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import simulator
 from norton_bench.segments import Segment, Use

@@ -97,14 +97,13 @@ def test_moves_as_the_equations_say(elbow_rad):
     targets = np.column_stack([np.full(TICKS, 0.4), np.full(TICKS, -0.3), pushes])
     truths = [read_truth(simulated, seed=None, place=place, command_unit="rad") for _, simulated, place in benches]
     reference = radau(truths, arm, targets, elbow_rad)
-    shoulder, elbow = (backend.world.plant for backend in open_two_joints(benches, arm, seed=None, place="here"))
-    timeline, rows = open_two_joints(benches, arm, seed=None, place="here"), []
-    shoulder, elbow = (backend.world.plant for backend in timeline)
+    backends, rows = open_two_joints(benches, arm, seed=None, place="here"), []
+    shoulder, elbow = (backend.world.plant for backend in backends)
     for tick, (*commands, load_1, load_2) in enumerate(targets, start=1):
         for plant, command, load_nm in ((shoulder, commands[0], load_1), (elbow, commands[1], load_2)):
             plant.command("actuator", command)
             plant.command("load", -load_nm)  # mounted face to face
-        timeline[0].world.advance(tick * MS)
+        backends[0].world.advance(tick * MS)
         rows.append(
             [
                 value(machine)
