@@ -5,13 +5,19 @@ from importlib.metadata import entry_points
 import pytest
 
 from norton_drivers.errors import WiringError
+from norton_sim.joined import open_two_joints, true_joints
 from norton_sim.serve import serve
 from norton_sim.tools import true_parameters
 
 
 def test_the_tools_are_found_by_name() -> None:
     tools = {entry.name: entry.load() for entry in entry_points(group="norton_bench.simulators")}
-    assert tools == {"serve": serve, "true_parameters": true_parameters}
+    assert tools == {
+        "serve": serve,
+        "true_parameters": true_parameters,
+        "two_joints": open_two_joints,
+        "true_joints": true_joints,
+    }
 
 
 def test_true_parameters_are_those_of_the_rig_file(simulated: dict[str, object]) -> None:
