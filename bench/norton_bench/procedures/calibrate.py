@@ -8,6 +8,7 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import ActuatorFriction, LoadCalibration
+from norton_bench.control.design import actuator_inertias
 from norton_bench.distributions import normal_hazard
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.apparent_inertia import apparent_inertia_kgm2
@@ -106,7 +107,11 @@ class CalibrateProcedure:
             calibration = calibration_from(fit, known, first_inertia_kgm2(actuator), first_friction(actuator))
             return replace(known, calibration=calibration, actuator=actuator)
         inertia_kgm2 = apparent_inertia_kgm2(measured, known.tick_s, -fit.result.motion_delay_s)
-        return replace(known, calibration=calibration_from(fit, known, inertia_kgm2), actuator=None)
+        calibration, weighed = (calibration_from(fit, known, each) for each in (None, inertia_kgm2))
+        (low_kgm2, high_kgm2), (least_kgm2, most_kgm2) = map(actuator_inertias, (calibration, weighed))
+        if most_kgm2 < low_kgm2 or high_kgm2 < least_kgm2:  # gains without an estimate do not suit it
+            calibration = weighed
+        return replace(known, calibration=calibration, actuator=None)
 
     def _actuator(self, known: Knowledge, measured: Measured) -> FitResult:
         shaken = signals(clean(measured).measured, known.tick_s, Use.CALIBRATE, Port.ACTUATOR)
