@@ -27,16 +27,16 @@ from wide_family import changed
 
 from norton_bench.errors import BenchError
 from norton_bench.identification.trials import in_band
-from norton_bench.joints.arm import Arm, load_arm
+from norton_bench.joints.arm import JOINTS, Arm, load_arm
 from norton_bench.joints.impedance import MATRICES, JointImpedance
 from norton_bench.joints.run import ArmResult, run_arm
+from norton_bench.procedures.waves import displaced
 from norton_drivers.errors import DeviceError
 from norton_sim.joined import open_two_joints, true_joints
 from norton_sim.plants.two_joints import TwoJointsTruth
 
 SHIPPED = Path(__file__).parents[1] / "rigs" / "two-joints"
 MS = 1_000_000
-JOINTS = ("shoulder", "elbow")
 # What is estimated of a path below this; above, noise of the second derivative drowns it.
 PATH_HZ = 8.0
 
@@ -136,8 +136,7 @@ def measured(seed: int) -> Measured:
 
 
 def judged(seed: int, arm: Arm, result: ArmResult) -> Measured:
-    benches = [(rig.wiring, rig.simulated, rig.place) for rig in arm.rigs]
-    true = true_joints(benches, arm.simulated, place=arm.place)
+    true = true_joints(arm.benches, arm.simulated, place=arm.place)
     impedance = result.impedance
     links = TwoJointsTruth.model_validate(dict(arm.simulated))
     true["inertia"] = true["inertia"] + links.inertia_kg_m2(impedance.place_rad[1]) - links.inertia_kg_m2(0.0)
@@ -164,17 +163,12 @@ def judged(seed: int, arm: Arm, result: ArmResult) -> Measured:
 
 def derivative(path: np.ndarray, order: int, tick_s: float) -> np.ndarray:
     """Of a path (ticks, 2) from rest to rest, below PATH_HZ; a smooth step takes its ends off, and is put back."""
-    ticks = len(path)
-    p, span_s = np.arange(ticks) / (ticks - 1), (ticks - 1) * tick_s
-    step = (
-        p**3 * (10 - 15 * p + 6 * p**2),
-        30 * p**2 * (1 - p) ** 2 / span_s,
-        60 * p * (1 - p) * (1 - 2 * p) / span_s**2,
-    )
+    step = displaced(1.0, len(path) * tick_s, tick_s)
+    steps = step.position_rad, step.velocity_rad_s, step.acceleration_rad_s2
     end = path[-1] - path[0]
-    rest = path - path[0] - step[0][:, None] * end
+    rest = path - path[0] - steps[0][:, None] * end
     inside = np.stack([in_band(rest[:, joint], tick_s, PATH_HZ, order) for joint in range(2)], axis=1)
-    return inside + step[order][:, None] * end + (path[0] if order == 0 else 0.0)
+    return inside + steps[order][:, None] * end + (path[0] if order == 0 else 0.0)
 
 
 def lagged(pull: np.ndarray, impedance: JointImpedance, tick_s: float) -> np.ndarray:
@@ -189,8 +183,7 @@ def lagged(pull: np.ndarray, impedance: JointImpedance, tick_s: float) -> np.nda
 
 def true_paths(arm: Arm, ticks: int, start_s: float) -> tuple[np.ndarray, np.ndarray]:
     """The free motion of the arm without its loads, and the path that its muscles pull it along; (ticks, 2)."""
-    benches = [(rig.wiring, rig.simulated, rig.place) for rig in arm.rigs]
-    backends = open_two_joints(benches, arm.simulated, seed=None, place=arm.place)
+    backends = open_two_joints(arm.benches, arm.simulated, seed=None, place=arm.place)
     plants = [backend.world.plant for backend in backends]
     for plant in plants:
         plant.uncouple()

@@ -18,7 +18,6 @@ from norton_sim.integrator import (
     ACTUATOR,
     ANGLE,
     COULOMB,
-    CURRENT_TARGET,
     ENCODER_PERIOD_NS,
     INVERSE_INERTIA,
     LOAD,
@@ -47,7 +46,7 @@ from norton_sim.plants.assembled import (
     STIFFENING,
 )
 from norton_sim.plants.motor_behind import modulate, pulled, stretch
-from norton_sim.plants.muscles import TARGET, begin_reach, place, pull, stiffness
+from norton_sim.plants.muscles import follow_command, place, pull, stiffness
 
 SOURCE, MODULATOR = 2, 3
 
@@ -69,10 +68,8 @@ def advance(
     (REACH_COLUMNS,); with a modulator both have a fourth row. ``joint`` is the torque sensor's stiffness [N m/rad] and
     damping [N m s/rad]. Substeps and encoders as in :func:`norton_sim.integrator.advance`.
     """
-    if link[DRIVE] == REACH and state[ACTUATOR, POWERED] != 0.0:
-        target = link[COMMAND_PER_AMPERE] * state[ACTUATOR, CURRENT_TARGET]
-        if target != reach[TARGET]:
-            begin_reach(reach, target, now_ns * 1e-9, link[MOVEMENT])
+    if link[DRIVE] == REACH:
+        follow_command(reach, state[ACTUATOR], link, now_ns * 1e-9)
     while now_ns < to_ns:
         sample_ns = (now_ns // ENCODER_PERIOD_NS + 1) * ENCODER_PERIOD_NS
         stop_ns = min(sample_ns, to_ns)

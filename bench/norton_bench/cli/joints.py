@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from norton_bench.cli.arguments import Backend, Json, Out, Quiet, Seed, run_folder
-from norton_bench.cli.output import Output, plain_table, to_json
+from norton_bench.cli.output import Output, to_json
 from norton_bench.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def joints(
     """Measure an arm of two joints, each on a bench of its own: inertia, damping and stiffness as matrices, and how the
     arm moves when no torque acts.
     """
+    from norton_bench.cli.tables import facts_table  # noqa: PLC0415
     from norton_bench.joints.arm import load_arm  # noqa: PLC0415  (slow to import)
     from norton_bench.joints.page import arm_data, impedance_facts, sentences, write_arm  # noqa: PLC0415
     from norton_bench.joints.run import write_source  # noqa: PLC0415
@@ -48,11 +49,7 @@ def joints(
     files["result"] = folder / f"{arm.name}.joints.json"
     data = {**arm_data(result), "files": files}
     files["result"].write_text(to_json(data), encoding="utf-8")
-    facts, table = impedance_facts(result.impedance), plain_table()
-    for heading in facts.head:
-        table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
-    for row in facts.rows:
-        table.add_row(*row)
+    table = facts_table(impedance_facts(result.impedance))
     output.result(data, table, "", *sentences(result), "", *map(str, files.values()))
     return ExitCode.OK if result.impedance.adequate else ExitCode.EXPERIMENT_FAILED
 

@@ -53,7 +53,7 @@ def tables_view(result: Result) -> list[RenderableType]:
     effect = modulated(result.source, result.exertion)
     sentences = () if effect is None else modulation_sentences(effect, result.units)
     stood = () if result.modulator is None else (modulator_sentence(result.modulator, result.units),)
-    return [*(_table(facts) for facts in tabulated(result)), *sentences, *stood]
+    return [*(facts_table(facts) for facts in tabulated(result)), *sentences, *stood]
 
 
 def _source(table: SourceTable) -> list[dict[str, Any]]:
@@ -156,7 +156,8 @@ def _mean(mean: Mean) -> dict[str, float]:
     return {"value": mean.value, "half_width": mean.half_width}
 
 
-def _table(facts: Facts) -> Table:
+def facts_table(facts: Facts) -> Table:
+    """For a terminal: the first column left, numbers right."""
     table = plain_table()
     for place, heading in enumerate(facts.head):
         table.add_column(heading, justify="left" if place == 0 else "right")

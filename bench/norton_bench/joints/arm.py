@@ -16,10 +16,13 @@ from norton_bench.rig.load import load_rig
 from norton_bench.rig.rig import Rig
 from norton_bench.rig.schema import SectionModel
 from norton_bench.units import parse_quantity, quantity_in
+from norton_drivers.wiring import Wiring
 
 JOINTS = ("shoulder", "elbow")
 # A sine of the elbow's angle below this: the hand has next to no stiffness along the arm that joints could tell.
 BENT = 0.05
+# Mass, damping and stiffness are told apart by how torque changes with frequency: three values, and two to see misfit.
+FEWEST_LINES = 5
 SECTIONS = ("joints", "links", "impedance", "reach", "simulated")
 
 
@@ -52,10 +55,6 @@ class ImpedanceSection(SectionModel):
                 "widen the band, or lengthen the period"
             )
         return self
-
-
-# Mass, damping and stiffness are told apart by how torque changes with frequency: three values, and two to see misfit.
-FEWEST_LINES = 5
 
 
 class LinksSection(SectionModel):
@@ -102,6 +101,11 @@ class Arm:
         """What was done with it, as the recordings keep it: they can be evaluated by the same options alone."""
         reach = None if self.reach is None else asdict(self.reach)
         return json.dumps({"tick_s": self.tick_s, "impedance": self.impedance.model_dump(), "reach": reach})
+
+    @property
+    def benches(self) -> list[tuple[Wiring, Mapping[str, Any], str]]:
+        """Of each joint what the simulator is told: wiring, true values, and the file that they are from."""
+        return [(rig.wiring, rig.simulated, rig.place) for rig in self.rigs]
 
     @property
     def tick_s(self) -> float:

@@ -140,8 +140,7 @@ def open_benches(
 
 
 def _backends(arm: Arm, seed: int | None) -> tuple[Backend, ...]:
-    benches = [(rig.wiring, rig.simulated, rig.place) for rig in arm.rigs]
     if arm.is_simulated:
-        opened: tuple[Backend, ...] = simulator("two_joints")(benches, arm.simulated, seed=seed, place=arm.place)
+        opened: tuple[Backend, ...] = simulator("two_joints")(arm.benches, arm.simulated, seed=seed, place=arm.place)
         return opened
     return tuple(load_backend(rig.backend)(rig.wiring, rig.simulated, seed=seed, place=rig.place) for rig in arm.rigs)

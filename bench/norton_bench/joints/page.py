@@ -133,7 +133,7 @@ def write_arm(path: Path, result: ArmResult, command: str) -> Path:
             )
             parts.append(Section("source", "Motion source", figures=(drawn,)))
     text = fill(
-        data=Result(result.name, metadata=result.metadata or {}),
+        data=Result(result.name, metadata=result.metadata),
         headline=_headline(result),
         rows=[],
         verdict=list(sentences(result)),

@@ -1,7 +1,7 @@
 """An arm from its file to its result: measured on the benches of its joints, and concluded from their recordings."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ class ArmResult:
     hand: HandStiffness | None = None
     notes: tuple[str, ...] = ()
     recordings: tuple[Path, ...] = ()
-    metadata: Mapping[str, str] | None = None
+    metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_arm(

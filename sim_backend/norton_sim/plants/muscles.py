@@ -8,7 +8,18 @@ from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
-from norton_sim.plants.assembled import MOVEMENT, MOVING_SPRING, MUSCLE, REACH, SPRING, Assembled, Link, row_of
+from norton_sim.integrator import CURRENT_TARGET, POWERED
+from norton_sim.plants.assembled import (
+    COMMAND_PER_AMPERE,
+    MOVEMENT,
+    MOVING_SPRING,
+    MUSCLE,
+    REACH,
+    SPRING,
+    Assembled,
+    Link,
+    row_of,
+)
 from norton_sim.tables import Damping, Seconds, Stiffness
 
 
@@ -86,6 +97,17 @@ def begin_reach(reach: NDArray[np.float64], target: float, now_s: float, movemen
     reach[4] = (-30 * away + 16 * v * duration + 3 * a * duration**2) / (2 * duration**4)
     reach[5] = (12 * away - 6 * v * duration - a * duration**2) / (2 * duration**5)
     reach[BEGAN], reach[TARGET] = now_s, target
+
+
+@njit(cache=True, nogil=True, inline="always")
+def follow_command(
+    reach: NDArray[np.float64], actuator: NDArray[np.float64], link: NDArray[np.float64], now_s: float
+) -> None:
+    """Begin a reach where the command, as the ``actuator``'s row of the state has it, is another than before."""
+    if actuator[POWERED] != 0.0:
+        target = link[COMMAND_PER_AMPERE] * actuator[CURRENT_TARGET]
+        if target != reach[TARGET]:
+            begin_reach(reach, target, now_s, link[MOVEMENT])
 
 
 @njit(cache=True, nogil=True, inline="always")

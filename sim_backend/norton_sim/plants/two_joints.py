@@ -16,15 +16,14 @@ from numba import njit
 from numpy.typing import NDArray
 from pydantic import Field
 
+from norton_sim.chain import SOURCE
 from norton_sim.integrator import (
     ACTUATOR,
     ANGLE,
     COULOMB,
-    CURRENT_TARGET,
     ENCODER_PERIOD_NS,
     INVERSE_INERTIA,
     LOAD,
-    POWERED,
     VELOCITY,
     drift,
     mean_current,
@@ -32,11 +31,10 @@ from norton_sim.integrator import (
     own_damping,
     track,
 )
-from norton_sim.plants.assembled import COMMAND_PER_AMPERE, DAMPER, MOVEMENT
-from norton_sim.plants.muscles import TARGET, begin_reach, place, stiffness
+from norton_sim.plants.assembled import DAMPER, MOVEMENT
+from norton_sim.plants.muscles import follow_command, place, stiffness
 from norton_sim.tables import Angle, Damping, Inertia, Length, Mass, Stiffness, Table
 
-SOURCE = 2
 # What one joint is, in tuples of arrays: state, machines, link and reach as chain.advance takes them.
 Tables = tuple[NDArray[np.float64], NDArray[np.float64]]
 Sensors = tuple[tuple[float, float], tuple[float, float]]
@@ -110,10 +108,7 @@ def advance(
     shape (ARM_COLUMNS,).
     """
     for joint in range(2):
-        if states[joint][ACTUATOR, POWERED] != 0.0:
-            target = links[joint][COMMAND_PER_AMPERE] * states[joint][ACTUATOR, CURRENT_TARGET]
-            if target != reaches[joint][TARGET]:
-                begin_reach(reaches[joint], target, now_ns * 1e-9, links[joint][MOVEMENT])
+        follow_command(reaches[joint], states[joint][ACTUATOR], links[joint], now_ns * 1e-9)
     while now_ns < to_ns:
         sample_ns = (now_ns // ENCODER_PERIOD_NS + 1) * ENCODER_PERIOD_NS
         stop_ns = min(sample_ns, to_ns)
@@ -174,32 +169,19 @@ def _kick(
     The loads' velocities are taken out first: each is damped against its own port alone. The Coriolis torques are those
     of the mean velocity, by one repetition.
     """
-    torque, slowing = np.zeros(2), np.zeros((2, 2))
-    carried, share = np.zeros(2), np.zeros(2)
-    before, damping = np.zeros(2), np.zeros((2, 2))
+    torque, carried, share = np.zeros(2), np.zeros(2), np.zeros(2)
+    slowing, damping = np.zeros((2, 2)), np.zeros((2, 2))
+    before, ahead = np.zeros(2), np.zeros(2)
     damping[0, 1], damping[1, 0] = arm[DAMPING_12], arm[DAMPING_21]
-    ahead = np.zeros(2)
     for joint in range(2):
-        state, machine, link = states[joint], machines[joint], links[joint]
-        mean_current(state[ACTUATOR], h)
-        spring_nm = sensors[joint][0] * (state[ACTUATOR, ANGLE] - state[LOAD, ANGLE])
-        damper = sensors[joint][1]
+        state, link = states[joint], links[joint]
         before[joint] = state[ACTUATOR, VELOCITY]
         ahead[joint] = state[SOURCE, ANGLE] - state[ACTUATOR, ANGLE]
         damping[joint, joint] = link[DAMPER]
-        port_damping = own_damping(state[ACTUATOR], machine[ACTUATOR], machine[ACTUATOR, COULOMB])
-        load_damping = own_damping(state[LOAD], machine[LOAD], machine[LOAD, COULOMB])
-        gain = h * machine[LOAD, INVERSE_INERTIA]
-        load_nm = motor_torque(state[LOAD], machine[LOAD], mean_current(state[LOAD], h)) + spring_nm
-        load = state[LOAD, VELOCITY]
-        load_slowed = load_damping * load + damper * (load - before[joint])
-        share[joint] = gain / 2 * damper / (1.0 + gain / 2 * (load_damping + damper))
-        carried[joint] = (load + gain * (load_nm - load_slowed / 2)) / (1.0 + gain / 2 * (load_damping + damper))
-        torque[joint] = motor_torque(state[ACTUATOR], machine[ACTUATOR], 0.0) - spring_nm
+        torque[joint], slowing[joint, joint], carried[joint], share[joint] = _beside_load(
+            state, machines[joint], sensors[joint], h
+        )
         torque[joint] += stiffness(reaches[joint], now_s, link) * ahead[joint]
-        torque[joint] -= (port_damping * before[joint] + damper * (before[joint] - load)) / 2
-        torque[joint] += damper * carried[joint] / 2
-        slowing[joint, joint] = port_damping + damper - damper * share[joint]
     torque[0] += arm[STIFFNESS_12] * ahead[1]
     torque[1] += arm[STIFFNESS_21] * ahead[0]
     for joint in range(2):
@@ -212,6 +194,29 @@ def _kick(
     for joint in range(2):
         states[joint][ACTUATOR, VELOCITY] = after[joint]
         states[joint][LOAD, VELOCITY] = carried[joint] + share[joint] * after[joint]
+
+
+@njit(cache=True, nogil=True)
+def _beside_load(
+    state: NDArray[np.float64], machines: NDArray[np.float64], sensor: tuple[float, float], h: float
+) -> tuple[float, float, float, float]:
+    """Torque and damping at a port, without its muscles; the load's velocity after the kick is ``carried`` and its
+    ``share`` of the port's."""
+    stiff, damper = sensor
+    mean_current(state[ACTUATOR], h)
+    spring_nm = stiff * (state[ACTUATOR, ANGLE] - state[LOAD, ANGLE])
+    port, load = state[ACTUATOR, VELOCITY], state[LOAD, VELOCITY]
+    port_damping = own_damping(state[ACTUATOR], machines[ACTUATOR], machines[ACTUATOR, COULOMB])
+    load_damping = own_damping(state[LOAD], machines[LOAD], machines[LOAD, COULOMB])
+    gain = h * machines[LOAD, INVERSE_INERTIA]
+    load_nm = motor_torque(state[LOAD], machines[LOAD], mean_current(state[LOAD], h)) + spring_nm
+    load_slowed = load_damping * load + damper * (load - port)
+    slower = 1.0 + gain / 2 * (load_damping + damper)
+    share = gain / 2 * damper / slower
+    carried = (load + gain * (load_nm - load_slowed / 2)) / slower
+    torque = motor_torque(state[ACTUATOR], machines[ACTUATOR], 0.0) - spring_nm
+    torque += damper * carried / 2 - (port_damping * port + damper * (port - load)) / 2
+    return torque, port_damping + damper - damper * share, carried, share
 
 
 @njit(cache=True, nogil=True)

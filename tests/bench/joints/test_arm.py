@@ -44,6 +44,19 @@ def test_the_shipped_arm_is_read(folder):
         ("elbow.toml", 'rate = "1 kHz"', 'rate = "500 Hz"', "the rigs have different rates"),
         ("elbow.toml", 'name = "elbow"', 'name = "shoulder"', 'both rigs are called "shoulder"'),
         ("elbow.toml", 'backend = "simulated"', 'backend = "hardware"', "one rig is simulated and the other is not"),
+        ("elbow.toml", "239.74.163.12", "239.74.163.11", "both rigs have a device at node 1 of udp_multicast"),
+        (
+            "elbow.toml",
+            "norton-bench/elbow",
+            "norton-bench/shoulder",
+            "both rigs have a device at /tmp/norton-bench/sh",
+        ),
+        (
+            "arm.toml",
+            'elbow = "1.6 rad"\n\n[impedance]',
+            'elbow = "0 rad"\n\n[impedance]',
+            "stretched out or folded",
+        ),
         ("elbow.toml", 'torque = "40 N*m"', 'torque = "40 N"', r"elbow.toml: \[limits\] torque"),
     ],
 )

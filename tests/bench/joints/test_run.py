@@ -1,6 +1,9 @@
 """An arm measured through frames and bytes, and what becomes of it when a joint fails."""
 
 import json
+import os
+import shutil
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +11,7 @@ import numpy as np
 import pytest
 
 from norton_bench.cli.app import main
-from norton_bench.errors import SafetyStopError
+from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.joints.arm import load_arm
 from norton_bench.joints.bench import open_benches
 from norton_bench.loop.stop_word import never_stop
@@ -51,6 +54,26 @@ def test_no_drive_is_enabled_where_another_cannot_be(tmp_path):
         assert not any(loop.devices._still_enabled() for loop in benches.loops)
 
 
+def lose_a_recording(folder: Path, enabled: list) -> None:
+    """Rest, and have the process die that records the shoulder; what is still enabled then goes to ``enabled``."""
+    rest = Segment("rest", "rest", Use.PREPARE, np.zeros(1000))
+    with open_benches(load_arm(FILE), folder, seed=1, planned_s=5.0, stop_request=never_stop) as benches:
+        try:
+            with running_together(benches.loops):
+                run_together(benches.loops, (rest, rest))
+                os.kill(benches.recorders[0].writer_pid, signal.SIGKILL)
+                run_together(benches.loops, (rest, rest))
+        finally:
+            enabled += [loop.devices._still_enabled() for loop in benches.loops]
+
+
+def test_both_joints_are_idle_when_a_recording_breaks_down(tmp_path):
+    enabled: list = []
+    with pytest.raises(ExperimentError, match="shoulder"):
+        lose_a_recording(tmp_path, enabled)
+    assert enabled == [[], []]
+
+
 def test_segments_run_on_the_same_ticks(tmp_path):
     arm = load_arm(FILE)
     rest = Segment("rest", "rest", Use.PREPARE, np.zeros(300))
@@ -68,9 +91,7 @@ def test_an_arm_is_measured_from_the_command_line(tmp_path, capsys):
     assert main(["joints", str(FILE), "--seed", "3", "--out", str(tmp_path), "--json", "--quiet"]) == 0
     data = json.loads(capsys.readouterr().out)
     arm = load_arm(FILE)
-    true = simulator("true_joints")(
-        [(rig.wiring, rig.simulated, rig.place) for rig in arm.rigs], arm.simulated, place=arm.place
-    )
+    true = simulator("true_joints")(arm.benches, arm.simulated, place=arm.place)
     for name, matrix in true.items():
         off = np.abs(np.array(data[name]["value"]) - matrix)
         # Of twelve entries at one seed: 3 half-widths are 6 deviations.
@@ -82,3 +103,11 @@ def test_an_arm_is_measured_from_the_command_line(tmp_path, capsys):
     assert main(["joints", str(FILE), "--again", str(tmp_path), "--json", "--quiet"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["stiffness"] == data["stiffness"]
+    other = tmp_path / "other"
+    shutil.copytree(FILE.parent, other)
+    text = (other / "arm.toml").read_text()
+    (other / "arm.toml").write_text(text.replace('period = "4 s"', 'period = "2 s"'))
+    assert main(["joints", str(other / "arm.toml"), "--again", str(tmp_path), "--quiet"]) == 2
+    assert "was measured with other options" in capsys.readouterr().err
+    assert main(["joints", str(FILE), "--again", str(tmp_path / "nowhere"), "--quiet"]) == 2
+    assert not (tmp_path / "nowhere").exists()
