@@ -29,8 +29,9 @@ from wide_family import RIGS, changed
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, SafetyStopError
+from norton_bench.identification.at_ticks import in_band, readings_at_ticks
 from norton_bench.identification.in_situ import IN_SITU, in_situ_result
-from norton_bench.identification.trials import in_band, number_of, seen, trial_segments
+from norton_bench.identification.trials import number_of, trial_segments
 from norton_bench.procedures.catalogue import make_procedures
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.records import Measured
@@ -119,7 +120,7 @@ def _one(rig: Rig, seed: int) -> Outcome:
     left_nm = float(np.sqrt(np.mean([true_nm[trial.number] ** 2 for trial in driven])))
     source = result.source
     true_rad = free_path_rad(rig, seed, source.command)
-    first = seen(done.measured, trial_segments(done.measured, IN_SITU)[0], len(true_rad), rig.tick_s)
+    first = readings_at_ticks(done.measured, trial_segments(done.measured, IN_SITU)[0], len(true_rad), rig.tick_s)
     return Outcome(
         rig.name,
         seed,

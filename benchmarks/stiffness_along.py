@@ -30,9 +30,9 @@ from wide_family import RIGS, changed
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError, SafetyStopError
 from norton_bench.identification.assembly import Trial, load_taken
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.identification.in_situ import IN_SITU, in_situ_result, pushed_segments
 from norton_bench.identification.path_impedance import exerted_nm, motions_rad
-from norton_bench.identification.trials import in_band
 from norton_bench.procedures.options import CalibrateOptions, InSituOptions, TareOptions
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import parse_rig

@@ -26,7 +26,7 @@ from several import carried_out_by, seeds_in
 from wide_family import changed
 
 from norton_bench.errors import BenchError
-from norton_bench.identification.trials import in_band
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.joints.arm import JOINTS, Arm, load_arm
 from norton_bench.joints.impedance import MATRICES, JointImpedance
 from norton_bench.joints.run import ArmResult, run_arm

@@ -7,7 +7,7 @@ from scipy.integrate import odeint
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import Machine, Trial
-from norton_bench.identification.trials import TrialReadings
+from norton_bench.identification.at_ticks import TickReadings
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.waves import multisine
 
@@ -50,4 +50,4 @@ def moved(load_torque_nm: FloatArray, stiffness: Stiffness, load_kgm2: float) ->
 
 def trial(load_torque_nm: FloatArray, stiffness: Stiffness) -> Trial:
     position_rad, torque_nm = moved(load_torque_nm, stiffness, LOAD_KGM2)
-    return Trial(TrialReadings(position_rad, position_rad), load_torque_nm, torque_nm)
+    return Trial(TickReadings(position_rad, position_rad), load_torque_nm, torque_nm)

@@ -54,7 +54,6 @@ def test_whatever_is_deferred_exists() -> None:
         assert callable(resolve_name(target)), target
 
 
-@pytest.mark.long
 def test_a_standard_session_does_not_import_what_only_other_steps_need() -> None:
     command = [sys.executable, "-c", AFTER_IMPORTS, *NOT_STANDARD]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

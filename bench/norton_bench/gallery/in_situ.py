@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
 from norton_bench.gallery.claim import PaperExperiment, Shown, mean, row, wider
+from norton_bench.identification.at_ticks import in_band, readings_at_ticks
 from norton_bench.identification.in_situ import in_band_motion
-from norton_bench.identification.trials import TRIAL, in_band, seen
+from norton_bench.identification.trials import TRIAL
 from norton_bench.models.network import NortonNetwork
 from norton_bench.procedures.in_situ import InSituProcedure
 from norton_bench.procedures.options import InSituOptions
@@ -90,7 +91,7 @@ class Assembled:
 
     def _movement(self, segment: SegmentInfo) -> Movement:
         ticks = self.experiment.measured.between(segment.start_ns, segment.end_ns).ticks
-        result = seen(self.experiment.measured, segment, len(self.command), self._tick_s)
+        result = readings_at_ticks(self.experiment.measured, segment, len(self.command), self._tick_s)
         if result.torque_nm is None:
             raise ExperimentError("in situ, no torque was read: the gallery needs a torque sensor to judge by")
         return Movement(

@@ -7,8 +7,8 @@ import numpy as np
 
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.at_ticks import readings_at_ticks, sent_at_ticks
 from norton_bench.identification.cleaning import clean
-from norton_bench.identification.trials import seen, sent
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import Use
 
@@ -53,12 +53,12 @@ def _windows(
     """Spectra of the load's command, the angle and the torque, in windows that overlap by half."""
     ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
     try:
-        readings = seen(measured, segment, ticks, tick_s)
+        readings = readings_at_ticks(measured, segment, ticks, tick_s)
     except ExperimentError:  # a piece that ended before it began
         return
     if readings.torque_nm is None:
         return
-    pushed_nm = sent(measured, segment, "load_torque_nm", ticks, tick_s)
+    pushed_nm = sent_at_ticks(measured, segment, "load_torque_nm", ticks, tick_s)
     window = np.hanning(size)
     for first in range(0, ticks - size + 1, size // 2):
         part = slice(first, first + size)

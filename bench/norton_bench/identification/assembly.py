@@ -11,12 +11,12 @@ from norton_bench.arrays import FloatArray
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.control.preview import delayed
 from norton_bench.errors import ExperimentError, UsageError
+from norton_bench.identification.at_ticks import TickReadings, readings_at_ticks, sent_at_ticks
 from norton_bench.identification.cleaning import clean
 from norton_bench.identification.fit import fit_signals
 from norton_bench.identification.load import fit_machine, weight_of
 from norton_bench.identification.results import FitResult
 from norton_bench.identification.signals import INTERPOLATION, Port, positions_of, signals
-from norton_bench.identification.trials import TrialReadings, seen, sent
 from norton_bench.models.drawn_motor import drawn_values, has_covariance, possible
 from norton_bench.models.network import REQUIRED, NortonNetwork
 from norton_bench.models.network_file import read_term, term_as_json
@@ -197,19 +197,19 @@ def load_taken(events: Sequence[Event]) -> LoadTaken | None:
 class Trial:
     """What was seen of one trial, the load torque that was sent, and the torque that the load tells: (ticks,)."""
 
-    seen: TrialReadings
+    seen: TickReadings
     load_torque_nm: FloatArray
     torque_nm: FloatArray
 
     @classmethod
     def of(cls, measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> "Trial":
         """Raises ExperimentError where a stream has gaps in it."""
-        result = seen(measured, segment, load.ticks, tick_s)
-        load_torque_nm = sent(measured, segment, "load_torque_nm", load.ticks, tick_s)
+        result = readings_at_ticks(measured, segment, load.ticks, tick_s)
+        load_torque_nm = sent_at_ticks(measured, segment, "load_torque_nm", load.ticks, tick_s)
         return cls.by_load(result, load_torque_nm, load.machine, tick_s)
 
     @classmethod
-    def by_load(cls, seen: TrialReadings, load_torque_nm: FloatArray, load: Machine, tick_s: float) -> "Trial":
+    def by_load(cls, seen: TickReadings, load_torque_nm: FloatArray, load: Machine, tick_s: float) -> "Trial":
         return cls(seen, load_torque_nm, -load.torque_nm(load_torque_nm, seen.load_position_rad, tick_s))
 
     def by(self, load: Machine, tick_s: float) -> "Trial":

@@ -21,9 +21,9 @@ from scipy.interpolate import BSpline
 from norton_bench.arrays import FloatArray
 from norton_bench.distributions import t_quantile
 from norton_bench.identification.assembly import Machine, Trial
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.identification.path_impedance import EDGE_S, LINEAR, exerted_nm, motions_rad
 from norton_bench.identification.statistics import simplest_as_good
-from norton_bench.identification.trials import in_band
 
 # Torques are compared below it, nothing above twice that.
 HIGHEST_HZ = 15.0

@@ -10,17 +10,10 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import LoadTaken, Trial, load_taken
+from norton_bench.identification.at_ticks import in_band, sent_at_ticks
 from norton_bench.identification.impedance_along import ImpedanceAlong, impedance_along
 from norton_bench.identification.path_impedance import PathImpedance, path_impedance
-from norton_bench.identification.trials import (
-    TrialFigures,
-    diverge,
-    in_band,
-    number_of,
-    sent,
-    settled,
-    trial_segments,
-)
+from norton_bench.identification.trials import TrialFigures, diverge, number_of, settled, trial_segments
 from norton_bench.models.parameters import HALF_INTERVAL
 from norton_bench.records import Measured, SegmentInfo
 
@@ -115,7 +108,7 @@ def in_situ_result(measured: Measured, tick_s: float) -> InSituResult | None:
         Exerted.of(number_of(segment), _driven(measured, segment, load, tick_s), reading, load, tick_s)
         for segment, reading in zip(whole, readings, strict=True)
     ]
-    result, command = figures(trials), sent(measured, whole[0], "command", load.ticks, tick_s)
+    result, command = figures(trials), sent_at_ticks(measured, whole[0], "command", load.ticks, tick_s)
     return InSituResult(
         result,
         source_motion(trials, command, tick_s),
@@ -146,7 +139,7 @@ def _last_driven(trials: Sequence[Exerted], readings: Sequence[Trial]) -> list[T
 
 def _driven(measured: Measured, segment: SegmentInfo, load: LoadTaken, tick_s: float) -> bool:
     """It shows in what was wished: what is sent may be rounded to something else than zero."""
-    return bool(np.any(sent(measured, segment, "wished_load_torque_nm", load.ticks, tick_s)))
+    return bool(np.any(sent_at_ticks(measured, segment, "wished_load_torque_nm", load.ticks, tick_s)))
 
 
 # Why there is nothing more to learn.

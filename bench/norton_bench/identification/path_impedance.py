@@ -17,7 +17,7 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.assembly import Machine, Trial
-from norton_bench.identification.trials import in_band
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.models.parameters import HALF_INTERVAL
 
 # Everything below, nothing above twice that: there the differences of motions are far above an encoder's counts.

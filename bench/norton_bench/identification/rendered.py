@@ -17,8 +17,8 @@ from scipy.stats import t as student
 
 from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.at_ticks import TAUGHT_HZ, in_band, readings_at_ticks
 from norton_bench.identification.load import fit_load
-from norton_bench.identification.trials import TAUGHT_HZ, in_band, seen
 from norton_bench.records import Measured, SegmentInfo
 from norton_bench.segments import LAW_UNITS, RENDER, Admittance
 
@@ -89,7 +89,7 @@ def _of_segment(measured: Measured, segment: SegmentInfo, asked: Admittance, lat
     if ticks * tick_s < LEAST_S:
         return Rendered(asked, shortcoming=f"the law acted for {ticks * tick_s:.1f} s, and {LEAST_S:g} s are needed")
     try:
-        readings = seen(measured, segment, ticks, tick_s)
+        readings = readings_at_ticks(measured, segment, ticks, tick_s)
     except ExperimentError as error:
         return Rendered(asked, shortcoming=str(error))
     if readings.torque_nm is None:

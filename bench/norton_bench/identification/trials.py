@@ -11,14 +11,11 @@ from math import hypot, log10, sqrt
 
 import numpy as np
 
-from norton_bench.arrays import ComplexArray, FloatArray
+from norton_bench.arrays import FloatArray
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.counts import resolution_of, unquantised
-from norton_bench.identification.readings import noise_deviation
-from norton_bench.identification.signals import INTERPOLATION, stream_of
-from norton_bench.records import Measured, SegmentInfo, Table
+from norton_bench.identification.at_ticks import in_band, low_pass, readings_at_ticks
+from norton_bench.records import Measured, SegmentInfo
 
-TAUGHT_HZ = 30.0  # everything below, nothing above twice that
 # How segments that are trials are called; their number follows.
 TRIAL = "trial "
 # Noise hides a torque that adds no more than this share to its mean square; and what chance may add, in deviations.
@@ -28,20 +25,6 @@ CHANCE = 3.0
 TRIALS_AT_FLOOR = 3
 # Trials so much worse than the best before them do not converge, once there are two of them in a row.
 WORSE = 1.5
-
-
-@dataclass(frozen=True, eq=False)
-class TrialReadings:
-    """What arrived during one trial, at its ticks: arrays of shape (ticks,), delays included.
-
-    ``torque_nm`` is as read, bias included; None where no sensor reads it. ``torque_noise_nm`` is the standard
-    deviation of one reading.
-    """
-
-    position_rad: FloatArray
-    load_position_rad: FloatArray
-    torque_nm: FloatArray | None = None
-    torque_noise_nm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,20 +56,6 @@ class TrialFigures:
         """How far its torque lies below that of ``first``, at least: what may be hidden is taken to be there."""
         at_most_nm = max(self.torque_nm, self.hidden_nm)
         return 20 * log10(first.with_noise_nm / at_most_nm) if at_most_nm > 0.0 else float("inf")
-
-
-def seen(measured: Measured, segment: SegmentInfo, ticks: int, tick_s: float) -> TrialReadings:
-    """What arrived in ``segment``, on the grid of its ticks. Raises ExperimentError where a stream has gaps in it."""
-    part = measured.between(segment.start_ns, segment.end_ns)
-    at_s: FloatArray = np.asarray(np.arange(ticks) * tick_s, dtype=np.float64)
-    torque = part.torque[part.torque["valid"]]
-    reads = len(torque) > 0
-    return TrialReadings(
-        _position(part.motion, segment, at_s, "the actuator's position"),
-        _position(part.load_motion, segment, at_s, "the load's position"),
-        _at(torque, "torque_nm", segment, at_s, "torque") if reads else None,
-        noise_deviation(torque["torque_nm"], np.ones(len(torque), dtype=bool)) if reads else 0.0,
-    )
 
 
 def figures_of(number: int, torque_nm: FloatArray, noise_nm: float, tick_s: float) -> TrialFigures:
@@ -127,14 +96,6 @@ def number_of(segment: SegmentInfo) -> int:
     return int(segment.name.removeprefix(TRIAL))
 
 
-def sent(measured: Measured, segment: SegmentInfo, column: str, ticks: int, tick_s: float) -> FloatArray:
-    """A column of the segment's ticks, (ticks,): what was sent last goes on where a tick was missed."""
-    rows = measured.ticks[measured.ticks["segment"] == segment.index]
-    numbers = np.round((rows["tick_ns"] - segment.start_ns) * 1e-9 / tick_s).astype(np.int64)
-    last = np.searchsorted(numbers, np.arange(ticks), side="right") - 1
-    return np.asarray(rows[column][np.maximum(last, 0)], dtype=np.float64)
-
-
 def last_driven(found: Sequence[TrialFigures]) -> TrialFigures:
     """The last trial in which the load was driven, or the last of all."""
     return next((each for each in reversed(found) if each.driven), found[-1])
@@ -153,43 +114,9 @@ def diverge(found: Sequence[TrialFigures]) -> bool:
     return len(last) == 2 and bool(before) and all(found[place].with_noise_nm > WORSE * min(before) for place in last)
 
 
-def in_band(values: FloatArray, tick_s: float, highest_hz: float = TAUGHT_HZ, derivative: int = 0) -> FloatArray:
-    """A derivative of ``values`` (..., ticks) below ``highest_hz``, without any delay; zero before and after."""
-    ticks = values.shape[-1]
-    size = 2 * ticks
-    factors: FloatArray | ComplexArray = low_pass(size, tick_s, highest_hz)
-    if derivative:
-        factors = factors * (2j * np.pi * np.fft.rfftfreq(size, tick_s)) ** derivative
-    return np.asarray(np.fft.irfft(np.fft.rfft(values, size) * factors, size)[..., :ticks])
-
-
-def low_pass(size: int, tick_s: float, highest_hz: float = TAUGHT_HZ) -> FloatArray:
-    """1 below ``highest_hz`` and 0 above twice that, at the frequencies of a real transform of ``size`` values."""
-    above = np.clip(np.fft.rfftfreq(size, tick_s) / highest_hz - 1.0, 0.0, 1.0)
-    return np.asarray(0.5 * (1.0 + np.cos(np.pi * above)))
-
-
 def _figures(measured: Measured, segment: SegmentInfo, tick_s: float) -> TrialFigures:
     ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
-    result = seen(measured, segment, ticks, tick_s)
+    result = readings_at_ticks(measured, segment, ticks, tick_s)
     if result.torque_nm is None:
         raise ExperimentError(f"{segment.name}: no torque was read")
     return figures_of(number_of(segment), result.torque_nm, result.torque_noise_nm, tick_s)
-
-
-def _position(table: Table, segment: SegmentInfo, at_s: FloatArray, what: str) -> FloatArray:
-    """Counts undone: what friction holds minds every one of them."""
-    step_rad = resolution_of(table["position_rad"]).width if len(table) else 0.0
-    smooth = table.copy()
-    if len(table):
-        smooth["position_rad"] = unquantised(np.ascontiguousarray(table["position_rad"]), step_rad)
-    return _at(smooth, "position_rad", segment, at_s, what)
-
-
-def _at(table: Table, column: str, segment: SegmentInfo, at_s: FloatArray, what: str) -> FloatArray:
-    """Interpolated at instants since the segment began; at its very ends the nearest that is known."""
-    if len(table) < 4 * INTERPOLATION.half_width:
-        raise ExperimentError(f"{segment.procedure}: next to nothing was read of {what} in {segment.name}; repeat it")
-    stream = stream_of(table, column, segment.start_ns)
-    reach_s = (INTERPOLATION.half_width + 1) * stream.period_s
-    return stream.at(np.clip(at_s, stream.time_s[0] + reach_s, stream.time_s[-1] - reach_s))

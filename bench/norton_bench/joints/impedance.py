@@ -20,8 +20,8 @@ from scipy.optimize import least_squares
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.distributions import f_tail, t_quantile
 from norton_bench.errors import ExperimentError
+from norton_bench.identification.at_ticks import readings_at_ticks
 from norton_bench.identification.counts import resolution_of
-from norton_bench.identification.trials import seen
 from norton_bench.joints.arm import JOINTS, ImpedanceSection
 from norton_bench.joints.experiment import IMPEDANCE, MOVED, SIGNS, lines
 from norton_bench.records import Measured, SegmentInfo
@@ -135,7 +135,7 @@ def _values(
     """Angle and torque at each line, of each period after the first, shape (periods, lines); the mean angle; and what
     counts make of a line."""
     ticks = round(section.period_s / tick_s)
-    result = seen(measured, segment, (section.periods + 1) * ticks, tick_s)
+    result = readings_at_ticks(measured, segment, (section.periods + 1) * ticks, tick_s)
     assert result.torque_nm is not None
 
     def at_lines(values: FloatArray) -> ComplexArray:

@@ -11,7 +11,7 @@ import numpy as np
 from norton_bench.arrays import ComplexArray, FloatArray
 from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
-from norton_bench.identification.trials import low_pass, seen, sent
+from norton_bench.identification.at_ticks import low_pass, readings_at_ticks, sent_at_ticks
 from norton_bench.joints.experiment import OUT, REACH, SETTLE_S
 from norton_bench.joints.impedance import LEVEL, JointImpedance
 from norton_bench.records import Measured
@@ -77,8 +77,8 @@ def _trial(joints: tuple[Measured, ...], name: str, tick_s: float) -> tuple[Floa
     for measured in joints:
         segment = next(each for each in measured.segments if each.procedure == REACH and each.name == name)
         ticks = round((segment.end_ns - segment.start_ns) * 1e-9 / tick_s)
-        angles.append(seen(measured, segment, ticks, tick_s).position_rad)
-        torques.append(sent(measured, segment, "torque_nm", ticks, tick_s))
+        angles.append(readings_at_ticks(measured, segment, ticks, tick_s).position_rad)
+        torques.append(sent_at_ticks(measured, segment, "torque_nm", ticks, tick_s))
     ticks = min(map(len, angles))
     return (
         np.stack([each[:ticks] for each in angles], axis=-1),

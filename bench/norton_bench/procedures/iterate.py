@@ -12,7 +12,8 @@ import numpy as np
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import Machine
-from norton_bench.identification.trials import TRIAL, figures_of, seen
+from norton_bench.identification.at_ticks import readings_at_ticks
+from norton_bench.identification.trials import TRIAL, figures_of
 from norton_bench.procedures.free import command_multisine
 from norton_bench.procedures.knowledge import (
     Decision,
@@ -66,7 +67,7 @@ class MovementTrial:
     def conclude(self, known: Knowledge, measured: Measured) -> Knowledge:
         before, tick_s = known.iteration, known.tick_s
         assert before is not None
-        motion = seen(measured, measured.segments[-1], len(self.command), tick_s)
+        motion = readings_at_ticks(measured, measured.segments[-1], len(self.command), tick_s)
         assert motion.torque_nm is not None
         learned = correction(self.models, self.command, self.load_torque_nm, motion, motion.torque_nm, tick_s)
         figures = figures_of(self.number, motion.torque_nm, motion.torque_noise_nm, tick_s)

@@ -21,8 +21,9 @@ import numpy as np
 from norton_bench.arrays import FloatArray
 from norton_bench.control.preview import delayed
 from norton_bench.identification.assembly import LoadTaken, Machine, Trial
+from norton_bench.identification.at_ticks import TickReadings, in_band
 from norton_bench.identification.in_situ import Exerted
-from norton_bench.identification.trials import TrialFigures, TrialReadings, averaged, diverge, in_band, settled
+from norton_bench.identification.trials import TrialFigures, averaged, diverge, settled
 
 # The spectrum is averaged over this number of lines to estimate the noise.
 LINES = 41
@@ -49,7 +50,7 @@ def correction(
     models: Models,
     command: FloatArray,
     load_torque_nm: FloatArray,
-    measured: TrialReadings,
+    measured: TickReadings,
     torque_nm: FloatArray,
     tick_s: float,
 ) -> Correction:

@@ -21,9 +21,9 @@ from scipy.signal.windows import tukey
 
 from norton_bench.arrays import FloatArray
 from norton_bench.identification.assembly import Machine, Trial
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.identification.in_situ import in_band_motion
 from norton_bench.identification.path_impedance import exerted_nm, motions_rad
-from norton_bench.identification.trials import in_band
 
 # The admittance is smoothed over this width: a resonance narrower than that is not followed.
 SMOOTH_HZ = 2.0

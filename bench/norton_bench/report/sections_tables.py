@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 
+from norton_bench.identification.at_ticks import TAUGHT_HZ
 from norton_bench.identification.exertion_table import ExertionTable
 from norton_bench.identification.impedance_along import ImpedanceAlong
 from norton_bench.identification.in_situ import EXPLAINED, SourceMotion
 from norton_bench.identification.modulation import modulated
 from norton_bench.identification.source_table import SourceTable
 from norton_bench.identification.table_conditions import two_ports
-from norton_bench.identification.trials import TAUGHT_HZ, TrialFigures, diverge, last_driven, settled
+from norton_bench.identification.trials import TrialFigures, diverge, last_driven, settled
 from norton_bench.report.facts_tables import (
     impedance_sentences,
     line_facts,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from norton_bench.identification.assembly import Trial
-from norton_bench.identification.trials import in_band
+from norton_bench.identification.at_ticks import in_band
 from norton_bench.procedures.measured_response import _admittance, load_torque_towards_source
 from tests.bench.linear_assembly import LOAD, STIFFNESS_NM_RAD, TICK_S, TICKS, Stiffness, moved, trial
 
