@@ -71,6 +71,7 @@ COMMANDS = {
     ),
     "report": ("norton_bench.cli.recordings:report", "Write the report of a recording."),
     "datasheet": ("norton_bench.cli.datasheet:datasheet", "Write the data sheet of an actuator."),
+    "law": ("norton_bench.cli.law:law", "Tell which virtual bodies a bench can render."),
     "info": ("norton_bench.cli.info:info", "Show what a recording contains, and the timing of its control loop."),
     "recover": ("norton_bench.cli.recordings:recover", "Repair a recording that was cut off."),
     "runs": ("norton_bench.cli.runs:runs", "List past runs, compare two, follow a parameter over time."),

@@ -156,6 +156,11 @@ def require_change(calibration: LoadCalibration, tick_s: float, before: Admittan
             raise ExperimentError(f"{way}: {error}; go there by another law") from None
 
 
+def rendering_is_stable(calibration: LoadCalibration, tick_s: float, law: Admittance) -> bool:
+    """Whether a law without a wall is stable on every bench that the calibration may mean."""
+    return _Laws(calibration, _tracking(calibration, tick_s), law, tick_s).unstable() is None
+
+
 def body_control(
     calibration: LoadCalibration, tracking: Tracking, law: Admittance, tick_s: float, *, sticks: bool = False
 ) -> Control:

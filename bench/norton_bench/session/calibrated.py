@@ -1,0 +1,37 @@
+"""What an earlier session has calibrated, from its recording."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from norton_bench.control.calibration import LoadCalibration
+from norton_bench.errors import UsageError
+from norton_bench.procedures.calibrate import CalibrateProcedure
+from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.tare import TareProcedure
+from norton_bench.recording.reader import read_recording
+from norton_bench.rig.load import parse_rig
+from norton_bench.rig.rig import Rig
+from norton_bench.session.resume import finished_in_all
+
+
+@dataclass(frozen=True)
+class CalibratedBench:
+    """A rig as it was recorded, and the last calibration of its load drive in that recording."""
+
+    rig: Rig
+    calibration: LoadCalibration
+
+
+def calibrated_bench(path: Path) -> CalibratedBench:
+    """From a recording. Raises UsageError where it cannot be read, or has no finished calibration, RigError where its
+    rig is none, and ExperimentError where the calibration cannot be used.
+    """
+    recording = read_recording(path, raw_frames=False)
+    known = Knowledge(parse_rig(recording.rig_text, place=str(path)))
+    steps = {each.name: each for each in (TareProcedure(), CalibrateProcedure())}
+    for name, measured in finished_in_all(path, recording):
+        if name in steps:
+            known = steps[name].conclude(known, measured)
+    if known.calibration is None:
+        raise UsageError(f"{path}: no step 'calibrate' was finished in it; record a session that has one")
+    return CalibratedBench(known.rig, known.calibration)
