@@ -8,6 +8,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
+from norton_bench.control.calibration import LoadCalibration
 from norton_bench.distributions import t_quantile
 from norton_bench.errors import ExperimentError
 from norton_bench.identification.averages import velocity_of
@@ -70,13 +71,15 @@ class Shown:
 class PaperExperiment:
     """What was measured on one rig, and what is true of its actuator, by the names of ``sim truth``.
 
-    ``torque_zero_nm`` is what the torque sensor read at the start, with nothing at the port.
+    ``torque_zero_nm`` is what the torque sensor read at the start, with nothing at the port; ``load`` is the bench's
+    own calibration of its load drive.
     """
 
     rig: Rig
     measured: Measured
     true: Mapping[str, float]
     torque_zero_nm: float = 0.0
+    load: LoadCalibration | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def _look(measured: Measured, segment: SegmentInfo, look_s: float) -> Look:
     )
 
 
-# One interval in a thousand misses by chance: of a gallery of 35 rows, one gallery in thirty.
+# One interval in a thousand misses by chance: of a gallery of 44 rows, one gallery in twenty-three.
 LEVEL = 0.999
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
 from norton_bench.gallery.claim import PaperExperiment, Shown, let_go, mean, place_rad, row, swept
+from norton_bench.gallery.impedances import Impedances, port_impedances
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo
@@ -119,7 +120,7 @@ class Arms:
 
 def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
-    return (two_ports(Arms(experiment)),)
+    return two_ports(Arms(experiment)), port_impedances(Impedances(experiment))
 
 
 def two_ports(arms: Arms) -> Shown:

@@ -10,7 +10,9 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from norton_bench.arrays import FloatArray
-from norton_bench.gallery.claim import PaperExperiment, Shown, StraightLine, mean, place_rad, row, swept
+from norton_bench.gallery.claim import PaperExperiment, Shown, mean, place_rad, row, swept
+from norton_bench.gallery.curve import Curve, read_torque, there_and_back
+from norton_bench.gallery.dynamic_source import SwungMuscle, dynamic_source
 from norton_bench.procedures.knowledge import Knowledge, Plan, require_load
 from norton_bench.procedures.waves import hold, ramp, zero_torque
 from norton_bench.records import Measured, SegmentInfo
@@ -76,31 +78,16 @@ class MuscleSweeps:
         return known
 
 
-# The exertion is read where the sweep passes through this much of the way on either side of a place.
-WINDOW_RAD = 0.05
 DISPLACED_RAD = 0.3
-CLOSE_RAD = 0.15
 
 
 @dataclass(frozen=True)
-class Curve:
-    """One sweep there and back: exertion at places, the mean of both directions, in which friction cancels."""
+class Sweep:
+    """One sweep there and back under one command."""
 
     share: float
     command: float
-    place_rad: FloatArray
-    exertion_nm: FloatArray
-
-    def at(self, place_rad: float) -> float:
-        """By a straight line through what lies within the window."""
-        near = np.abs(self.place_rad - place_rad) <= WINDOW_RAD
-        return float(StraightLine(self.place_rad[near], self.exertion_nm[near]).at(place_rad))
-
-    def zero_rad(self, near_rad: float) -> float:
-        """Where nothing is exerted, by a parabola: the curve bends."""
-        near = np.abs(self.place_rad - near_rad) <= CLOSE_RAD
-        coefficients = np.polyfit(self.exertion_nm[near], self.place_rad[near], 2)
-        return float(coefficients[-1])
+    exertion: Curve
 
 
 @dataclass(frozen=True)
@@ -130,18 +117,18 @@ class Muscle:
 
     @cached_property
     def shares(self) -> tuple[float, ...]:
-        return tuple(dict.fromkeys(curve.share for curve in self.curves))
+        return tuple(dict.fromkeys(sweep.share for sweep in self.sweeps))
 
     @cached_property
-    def curves(self) -> tuple[Curve, ...]:
-        return self._curves("sweep", self.drift_nm_s)
+    def sweeps(self) -> tuple[Sweep, ...]:
+        return self._sweeps("sweep", self.drift_nm_s)
 
     @cached_property
     def drift_nm_s(self) -> float:
         """By how much the torque sensor's zero wanders: the place of the tare, visited again without a command."""
-        again = self._curves("reference", 0.0)
+        again = self._sweeps("reference", 0.0)
         tare, last = self.experiment.measured.segments[0], self._swept("reference")[-1]
-        drifted_nm = float(np.mean([curve.at(self._tare_rad) for curve in again]))
+        drifted_nm = float(np.mean([sweep.exertion.at(self._tare_rad) for sweep in again]))
         return drifted_nm / ((last.start_ns - tare.start_ns) * 1e-9)
 
     @cached_property
@@ -149,12 +136,12 @@ class Muscle:
         tare = self.experiment.measured.segments[0]
         return float(np.mean(self.experiment.measured.between(tare.start_ns, tare.end_ns).motion["position_rad"]))
 
-    def _curves(self, name: str, drift_nm_s: float) -> tuple[Curve, ...]:
+    def _sweeps(self, name: str, drift_nm_s: float) -> tuple[Sweep, ...]:
         ups, downs = (self._swept(f"{name} {way}") for way in ("up", "down"))
-        return tuple(self._curve(up, down, drift_nm_s) for up, down in zip(ups, downs, strict=True))
+        return tuple(self._sweep(up, down, drift_nm_s) for up, down in zip(ups, downs, strict=True))
 
-    def of(self, share: float) -> tuple[Curve, ...]:
-        return tuple(curve for curve in self.curves if curve.share == share)
+    def of(self, share: float) -> tuple[Sweep, ...]:
+        return tuple(sweep for sweep in self.sweeps if sweep.share == share)
 
     def free_rad(self, share: float) -> FloatArray:
         """Where the free port rested, the mean of both sides: one a round."""
@@ -168,50 +155,41 @@ class Muscle:
         segments = self.experiment.measured.segments
         return [each for each in segments if each.procedure == MuscleSweeps.name and each.name.startswith(name)]
 
-    def _curve(self, up: SegmentInfo, down: SegmentInfo, drift_nm_s: float) -> Curve:
-        ways = [self._way(segment, drift_nm_s) for segment in (up, down)]
-        low = max(float(way[0][0]) for way in ways)
-        high = min(float(way[0][-1]) for way in ways)
-        place = np.linspace(low, high, 400)
-        exertion = np.mean([np.interp(place, *way) for way in ways], axis=0)
+    def _sweep(self, up: SegmentInfo, down: SegmentInfo, drift_nm_s: float) -> Sweep:
+        curve = there_and_back(*(self._way(segment, drift_nm_s) for segment in (up, down)))
         inside = self.experiment.measured.between(up.start_ns, up.end_ns)
-        return Curve(_share(up), float(np.mean(inside.ticks["command"])), place, exertion)
+        return Sweep(_share(up), float(np.mean(inside.ticks["command"])), curve)
 
     def _way(self, segment: SegmentInfo, drift_nm_s: float) -> tuple[FloatArray, FloatArray]:
-        """Places, increasing, and torque less the sensor's zero, in means of ten readings."""
-        inside = self.experiment.measured.between(segment.start_ns, segment.end_ns)
-        torque = inside.torque[inside.torque["valid"]]
-        place = np.interp(torque["arrival_ns"], inside.motion["arrival_ns"], inside.motion["position_rad"])
-        order = np.argsort(place)
-        whole = 10 * (order.size // 10)
-        means = [values[order][:whole].reshape(-1, 10).mean(axis=1) for values in (place, torque["torque_nm"])]
+        """Positions, increasing, and torque less the sensor's zero."""
+        position_rad, torque_nm = read_torque(self.experiment.measured, segment)
         since_s = (segment.start_ns - self.experiment.measured.segments[0].start_ns) * 1e-9
-        return means[0], means[1] - self.experiment.torque_zero_nm - drift_nm_s * since_s
+        return position_rad, torque_nm - self.experiment.torque_zero_nm - drift_nm_s * since_s
 
 
 def claims(experiment: PaperExperiment) -> tuple[Shown, ...]:
     """All of them. Raises ExperimentError where the recording lacks what they need."""
-    return (nonlinear_connection(Muscle(experiment)),)
+    return nonlinear_connection(Muscle(experiment)), dynamic_source(SwungMuscle(experiment))
 
 
 def nonlinear_connection(muscle: Muscle) -> Shown:
     name, rows = "nonlinear connection", []
     for share in muscle.shares:
-        curves = muscle.of(share)
-        command = float(np.mean([curve.command for curve in curves]))
+        sweeps = muscle.of(share)
+        command = float(np.mean([sweep.command for sweep in sweeps]))
         source = muscle.source_rad(command)
         other = muscle.source_rad(
             command * (muscle.shares[0] if share == muscle.shares[1] else muscle.shares[1]) / share
         )
         free = mean(muscle.free_rad(share))
-        zero = mean([curve.zero_rad(free.value) for curve in curves])
+        zero = mean([sweep.exertion.zero_rad(free.value) for sweep in sweeps])
         rows += [
             row(name, f"free port's place, c = {command:.3g}", "rad", source, free, other),
             row(name, "place without exertion", "rad", source, zero, other),
         ]
         for displaced in (-DISPLACED_RAD, DISPLACED_RAD):
             place = free.value + displaced
-            result = mean([curve.at(place) for curve in curves])
+            result = mean([sweep.exertion.at(place) for sweep in sweeps])
             linear = -muscle.stiffness_nm_rad(command) * (place - source)
             expected = float(muscle.exertion_nm(command, place))
             rows.append(row(name, f"exertion {displaced:+g} rad from there", "N*m", expected, result, linear))
@@ -240,21 +218,21 @@ def draw_nonlinear_connection(muscle: "Muscle", reach_rad: float) -> Figure:
     picture = figure(3.6)
     axes = picture.subplots()
     for place, share in enumerate(muscle.shares):
-        curve, first = muscle.of(share)[0], place == 0
-        source = muscle.source_rad(curve.command)
+        sweep, first = muscle.of(share)[0], place == 0
+        source = muscle.source_rad(sweep.command)
         reach = source + np.linspace(-reach_rad, reach_rad, 61)
-        linear = -muscle.stiffness_nm_rad(curve.command) * (reach - source)
+        linear = -muscle.stiffness_nm_rad(sweep.command) * (reach - source)
         axes.plot(reach, linear, color=MUTED, linestyle=(0, (4, 3)), label="a linear connection" if first else None)
         axes.plot(
-            curve.place_rad[::12], curve.exertion_nm[::12], linestyle="none", marker="o", markersize=3.5,
-            color=MEASURED, label="measured" if first else None,
+            sweep.exertion.position_rad[::12], sweep.exertion.torque_nm[::12], color=MEASURED, linestyle="none",
+            marker="o", markersize=3.5, label="measured" if first else None,
         )  # fmt: skip
         label = "K (θ_N (π − θ)²/(π − θ_N)² − θ)" if first else None
-        axes.plot(reach, muscle.exertion_nm(curve.command, reach), color=PREDICTED, label=label)
+        axes.plot(reach, muscle.exertion_nm(sweep.command, reach), color=PREDICTED, label=label)
         free = muscle.free_rad(share)
         label = "the free port's place" if first else None
         axes.plot(free, 0.0 * free, linestyle="none", marker="x", markersize=7, color=ACCENT, label=label, zorder=4)
-        axes.annotate(f"c = {curve.command:.3g} N·m/rad", (reach[-1], linear[-1]), color=MUTED, ha="right", va="top")
+        axes.annotate(f"c = {sweep.command:.3g} N·m/rad", (reach[-1], linear[-1]), color=MUTED, ha="right", va="top")
     axes.axhline(0.0, color=MUTED, linewidth=0.6)
     axes.set_xlabel("place of the port θ [rad]")
     axes.set_ylabel("exertion [N·m]")

@@ -9,7 +9,9 @@ from tempfile import TemporaryDirectory
 from norton_bench.errors import ExperimentError, UsageError
 from norton_bench.gallery import gravity, in_situ, motor, muscle, spring
 from norton_bench.gallery.claim import LEVEL, PaperExperiment, Row, Shown
+from norton_bench.gallery.dynamic_source import SwungCommand
 from norton_bench.gallery.gravity import TwoPorts
+from norton_bench.gallery.impedances import PortImpedances
 from norton_bench.gallery.motor_experiments import FreeLevels, SameDeviation, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.procedures.calibrate import CalibrateProcedure
@@ -127,8 +129,8 @@ CATALOGUE: Mapping[str, Entry] = {
         (FreeLevels(), SteadySpeeds(), SameDeviation(), SlowStops()),
         motor.claims,
     ),
-    "muscle": Entry("sim-pneumatic", (MuscleSweeps(),), muscle.claims),
-    "arms": Entry("sim-gravity", (TwoPorts(),), gravity.claims),
+    "muscle": Entry("sim-pneumatic", (MuscleSweeps(), SwungCommand()), muscle.claims),
+    "arms": Entry("sim-gravity", (TwoPorts(), PortImpedances()), gravity.claims),
     "spring": Entry("sim-variable-stiffness", (spring.EXPERIMENT, spring.MovingSource()), spring.claims),
     "in situ": Entry("sim-odrive", (in_situ.EXPERIMENT,), in_situ.claims),
 }
@@ -187,7 +189,7 @@ def measure(
     if tare is None:
         raise ExperimentError(f"gallery, {name}: was not tared")
     true = {parameter: value for parameter, (value, _) in true_parameters(rig, seed).items()}
-    return PaperExperiment(rig, recorded.measured, true, tare.torque_bias_nm)
+    return PaperExperiment(rig, recorded.measured, true, tare.torque_bias_nm, recorded.knowledge.calibration)
 
 
 def _drawn(claim: Shown, seed: int) -> Proof:

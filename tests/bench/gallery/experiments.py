@@ -7,7 +7,9 @@ import pytest
 
 from norton_bench.gallery import gravity, muscle, paper
 from norton_bench.gallery.claim import PaperExperiment
+from norton_bench.gallery.dynamic_source import SwungCommand
 from norton_bench.gallery.gravity import TwoPorts
+from norton_bench.gallery.impedances import PortImpedances
 from norton_bench.gallery.motor_experiments import FreeLevels, SameDeviation, SlowStops, SteadySpeeds
 from norton_bench.gallery.muscle import MuscleSweeps
 from norton_bench.gallery.paper import CATALOGUE, measure
@@ -25,8 +27,8 @@ SPRING = ModulatedProcedure(TABULATION, 3 * MODULATIONS)
 # As few as still tell a plant from one that differs by what the tests have it differ.
 FEWER = {
     "motor": (FreeLevels(rounds=4), SteadySpeeds(rounds=3), SameDeviation(rounds=4), SlowStops()),
-    "muscle": (MuscleSweeps(rounds=3),),
-    "arms": (TwoPorts(rounds=3),),
+    "muscle": (MuscleSweeps(rounds=3), SwungCommand(rounds=3)),
+    "arms": (TwoPorts(rounds=3), PortImpedances(rounds=3)),
     "spring": (SPRING, MovingSource(rounds=3)),
     "in situ": (InSituProcedure(InSituOptions(trials=7, duration_s=2.5)),),
 }

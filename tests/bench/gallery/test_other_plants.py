@@ -14,8 +14,8 @@ pytestmark = pytest.mark.long
 SEED = 5
 # What the claims depend on, and the number of their rows.
 PLANTS = {
-    "muscle": (("spring",), 8),
-    "arms": (("gravity", "load_gravity"), 3),
+    "muscle": (("spring", "output_inertia"), 10),
+    "arms": (("gravity", "load_gravity"), 10),
     "spring": (("spring_stiffness", "spring_stiffening"), 8),
     "in situ": (("torque_gain",), 2),
 }
