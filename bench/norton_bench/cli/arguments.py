@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -83,3 +84,21 @@ def run_folder(out: Path | None, rig_name: str, runs: Path = RUNS) -> Path:
             f"{folder}: the folder cannot be made ({error.strerror}); choose another with --out"
         ) from error
     return folder
+
+
+def value_in(option: str, text: str, unit: str) -> float:
+    """What an option says, in ``unit``; so is a bare number. Raises UsageError."""
+    from norton_bench.units import parse_quantity  # noqa: PLC0415
+
+    try:
+        value = float(text)
+    except ValueError:
+        try:
+            value = parse_quantity(text, unit)
+        except ValueError as error:
+            raise UsageError(f"{option}: {error}") from None
+    if not isfinite(value) or (unit == "s" and not 0 < value <= 3600):
+        raise UsageError(
+            f"{option} {text}: must be {'more than 0 s, and an hour at most' if unit == 's' else 'finite'}"
+        )
+    return value

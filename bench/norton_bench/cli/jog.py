@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from norton_bench.cli.arguments import RUNS, Backend, Json, Out, Quiet, RigFile, Seed, run_folder
+from norton_bench.cli.arguments import RUNS, Backend, Json, Out, Quiet, RigFile, Seed, run_folder, value_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, UsageError
 
@@ -76,7 +76,7 @@ def jog(
     from norton_bench.rig.load import load_rig  # noqa: PLC0415
 
     rig = load_rig(rig_file, backend=backend)
-    speed_rad_s = None if speed is None else _value("--speed", speed, "rad/s")
+    speed_rad_s = None if speed is None else value_in("--speed", speed, "rad/s")
     bounds = bounds_of(rig, speed_rad_s)
     given = {"actuator": actuator, "load_torque": load_torque, "load_velocity": load_velocity}
     given |= {"mass": mass, "damping": damping, "stiffness": stiffness, "wall": wall}
@@ -85,12 +85,12 @@ def jog(
             raise UsageError(
                 "--duration and --json need values, such as --actuator 0.02; without values jog opens the screen"
             )
-        dead_man_s = None if dead_man is None else _value("--dead-man", dead_man, "s")
+        dead_man_s = None if dead_man is None else value_in("--dead-man", dead_man, "s")
         return _on_screen(rig_file, rig, speed_rad_s, dead_man_s, backend, seed, out)
     if dead_man is not None:
         raise UsageError("--dead-man is for the screen; with values, --duration sets when everything returns to zero")
     setpoints = _setpoints(rig, bounds, given, zero_torque=zero_torque)
-    duration_s = _value("--duration", duration or DURATION, "s")
+    duration_s = value_in("--duration", duration or DURATION, "s")
     return _to(setpoints, duration_s, rig, bounds, run_folder(out, rig.name), seed, Output(json, quiet))
 
 
@@ -107,16 +107,16 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
             "--load-torque, --load-velocity, --zero-torque, and a body's --mass, --damping and --stiffness: the load "
             "can do only one of them at a time"
         )
-    command = 0.0 if given["actuator"] is None else _value("--actuator", given["actuator"], rig.command.unit)
+    command = 0.0 if given["actuator"] is None else value_in("--actuator", given["actuator"], rig.command.unit)
     setpoints = Setpoints(command)
     if torque is not None:
         if rig.wiring.load is None:
             raise UsageError(f"{rig.place}: --load-torque needs a load drive; this rig has none")
-        setpoints = Setpoints(command, LoadDoes.TORQUE, _value("--load-torque", torque, "N*m"))
+        setpoints = Setpoints(command, LoadDoes.TORQUE, value_in("--load-torque", torque, "N*m"))
     elif body:
         require_load(rig, "calibrate", "for --mass, --damping and --stiffness")
-        values = (_value(f"--{name}", given[name] or "0", unit) for name, unit in LAW_UNITS.items())
-        wall_rad = None if given["wall"] is None else _value("--wall", given["wall"], "rad")
+        values = (value_in(f"--{name}", given[name] or "0", unit) for name, unit in LAW_UNITS.items())
+        wall_rad = None if given["wall"] is None else value_in("--wall", given["wall"], "rad")
         setpoints = Setpoints(command, LoadDoes.BODY, law=Admittance.of(values, wall_rad))
         if setpoints.law.shortcoming:
             raise UsageError(f"--mass, --damping, --stiffness and --wall: {setpoints.law.shortcoming}")
@@ -124,7 +124,7 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
             raise UsageError("--mass, --damping and --stiffness are all zero; for zero torque --zero-torque")
     elif velocity is not None or zero_torque:
         require_load(rig, "calibrate", "for --load-velocity and --zero-torque")
-        value = 0.0 if velocity is None else _value("--load-velocity", velocity, "rad/s")
+        value = 0.0 if velocity is None else value_in("--load-velocity", velocity, "rad/s")
         setpoints = Setpoints(command, LoadDoes.ZERO_TORQUE if zero_torque else LoadDoes.VELOCITY, value)
     if unlimited(bounds, setpoints.load):
         raise UsageError(f"{rig.place}: the load's torque has no limit; write [load] torque_limit, then jog")
@@ -132,24 +132,6 @@ def _setpoints(rig: "Rig", bounds: "Bounds", given: dict[str, str | None], *, ze
     if beyond:
         raise UsageError(f"{setpoints.words(rig.command.unit)}: {beyond}")
     return setpoints
-
-
-def _value(option: str, text: str, unit: str) -> float:
-    """A bare number is in ``unit``."""
-    from norton_bench.units import parse_quantity  # noqa: PLC0415
-
-    try:
-        value = float(text)
-    except ValueError:
-        try:
-            value = parse_quantity(text, unit)
-        except ValueError as error:
-            raise UsageError(f"{option}: {error}") from None
-    if not isfinite(value) or (unit == "s" and not 0 < value <= 3600):
-        raise UsageError(
-            f"{option} {text}: must be {'more than 0 s, and an hour at most' if unit == 's' else 'finite'}"
-        )
-    return value
 
 
 def _to(

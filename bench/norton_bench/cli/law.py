@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from norton_bench.cli.arguments import Json, RecordingFile
+from norton_bench.cli.arguments import Json, RecordingFile, value_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.segments import Admittance
+from norton_bench.segments import LAW_UNITS, Admittance
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -16,26 +16,28 @@ if TYPE_CHECKING:
     from norton_bench.control.renderable import Overview
     from norton_bench.control.rendering import Rendering
 
-Mass = Annotated[float, Parameter(help="Of the virtual body, in kg m².")]
-Damping = Annotated[float, Parameter(help="In N m s/rad.")]
-Stiffness = Annotated[float, Parameter(help="In N m/rad.")]
-Wall = Annotated[float | None, Parameter(help="The spring begins at this angle, in rad, and acts on that side alone.")]
+Mass = Annotated[str, Parameter(help='Of the virtual body: "0.5 g*m^2", or a number in kg m².')]
+Damping = Annotated[str, Parameter(help='"20 mN*m*s/rad", or a number in N m s/rad.')]
+Stiffness = Annotated[str, Parameter(help='"1 N*m/rad", or a number in N m/rad.')]
+Wall = Annotated[str | None, Parameter(help="The spring begins at this angle (rad), and acts on that side alone.")]
 
 
 def law(
     recording: RecordingFile,
     /,
     *,
-    mass: Mass = 0.0,
-    damping: Damping = 0.0,
-    stiffness: Stiffness = 0.0,
+    mass: Mass = "0",
+    damping: Damping = "0",
+    stiffness: Stiffness = "0",
     wall: Wall = None,
     json: Json = False,
 ) -> int:
     """Tell whether a bench can render a virtual body, and with which actuators, by the calibration in a recording.
     Without a law: the least damping for a table of masses and stiffnesses. Nothing moves.
     """
-    asked = Admittance(mass, damping, stiffness, wall_rad=wall)
+    given = zip(LAW_UNITS.items(), (mass, damping, stiffness), strict=True)
+    values = (value_in(f"--{name}", text, unit) for (name, unit), text in given)
+    asked = Admittance.of(values, None if wall is None else value_in("--wall", wall, "rad"))
     if asked.shortcoming:
         raise UsageError(asked.shortcoming)
     from norton_bench.control.renderable import overview  # noqa: PLC0415  (compiled: slow to import)
@@ -54,7 +56,8 @@ def law(
 
 EXPLANATION = (
     "The least damping [N m s/rad] with which this bench can render a virtual body, by its mass and stiffness; more",
-    "damping will do as well. -: none that was tried will do.",
+    "damping will do as well. -: none that was tried will do. With the actuator that was calibrated: ask for a law",
+    "to be told with which others. Take more than the least, for the next calibration will differ a little.",
 )
 
 

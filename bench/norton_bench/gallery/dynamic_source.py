@@ -21,7 +21,7 @@ from norton_bench.report.svg import MEASURED, MUTED, PREDICTED, figure
 from norton_bench.rig.rig import Rig
 from norton_bench.segments import Use
 
-# The command's middle and swing, as shares of the greatest. At this frequency the shipped muscle is near its resonance.
+# The command's middle and swing, as shares of the greatest. The shipped muscle resonates at 4.3 Hz.
 MIDDLE, SWING, SWING_HZ = 0.6, 0.2, 3.0
 # What the first cycles leave has then died away; the next ones are compared.
 LEAD_CYCLES, CYCLES = 5, 12
@@ -175,8 +175,8 @@ def dynamic_source(muscle: SwungMuscle) -> Shown:
         "forward path's dynamics, found without knowing the impedance.",
         rows,
         partial(draw, muscle),
-        "Two cycles of the free port under a swinging command, its equation with the true values, and what would be if "
-        "the source followed at once.",
+        "Two cycles of the free port under a swinging command, its equation with the true values (and with the plant's "
+        "friction and lag of pressure), and what would be if the source followed at once.",
     )
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 from norton_bench.control.calibration import LoadCalibration
 from norton_bench.errors import UsageError
 from norton_bench.procedures.calibrate import CalibrateProcedure
-from norton_bench.procedures.knowledge import Knowledge
+from norton_bench.procedures.knowledge import Knowledge, refuse_servo, require_load
 from norton_bench.procedures.tare import TareProcedure
 from norton_bench.recording.reader import read_recording
 from norton_bench.rig.load import parse_rig
 from norton_bench.rig.rig import Rig
+from norton_bench.segments import RENDER
 from norton_bench.session.resume import finished_in_all
 
 
@@ -23,11 +24,17 @@ class CalibratedBench:
 
 
 def calibrated_bench(path: Path) -> CalibratedBench:
-    """From a recording. Raises UsageError where it cannot be read, or has no finished calibration, RigError where its
-    rig is none, and ExperimentError where the calibration cannot be used.
+    """From a recording, by its steps; a rest that the operator asked for in between is none.
+
+    Raises UsageError where it cannot be read, or has no finished calibration; RigError where its rig is none, has no
+    load, or a servo for an actuator; and ExperimentError where the calibration cannot be used.
     """
     recording = read_recording(path, raw_frames=False)
-    known = Knowledge(parse_rig(recording.rig_text, place=str(path)))
+    # Files that a rig names are beside it, and not beside its recordings.
+    rig = parse_rig(recording.rig_text, place=recording.metadata.get("rig_file") or str(path))
+    require_load(rig, RENDER, "to act the virtual body")
+    refuse_servo(rig, RENDER)
+    known = Knowledge(rig)
     steps = {each.name: each for each in (TareProcedure(), CalibrateProcedure())}
     for name, measured in finished_in_all(path, recording):
         if name in steps:

@@ -38,7 +38,7 @@ def test_the_calibration_is_the_one_that_the_session_had(session: RecordedSessio
 
 
 def test_a_law_gets_its_certificate(session: RecordedSession, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["law", str(session.recording), "--mass", "5e-4", "--damping", "0.03"]
+    asked = ["law", str(session.recording), "--mass", "0.5 g*m^2", "--damping", "0.03"]
     assert main([*asked, "--json"]) == ExitCode.OK
     data = json.loads(capsys.readouterr().out)
     assert data["law"] == {"mass_kgm2": 5e-4, "damping_nms_rad": 0.03, "stiffness_nm_rad": 0.0}
@@ -79,6 +79,8 @@ def test_without_a_law_there_is_a_table(
     [
         (["--mass", "-1"], "a law must have finite numbers, and no negative mass, damping or stiffness"),
         (["--mass", "1e-3", "--wall", "0.1"], "a wall needs a stiffness"),
+        (["--mass", "1e-3 N*m"], "--mass: "),
+        (["--damping", "nan"], "--damping nan: must be finite"),
     ],
 )
 def test_what_is_no_law_is_refused_in_a_sentence(
@@ -93,3 +95,16 @@ def test_a_recording_without_a_calibration_is_refused(tmp_path: Path, capsys: py
     tared = record_procedures(rig, standard_session(rig), (TARE,), out=tmp_path, seed=3, live=False)
     assert main(["law", str(tared.recording), "--mass", "1e-3"]) == ExitCode.USAGE
     assert "no step 'calibrate' was finished in it" in capsys.readouterr().err
+
+
+def test_a_rig_without_a_load_has_nothing_that_acts_a_body(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = load_rig(RIG_FILE.with_name("sim-free-shaft.toml"), backend="simulated")
+    tared = record_procedures(rig, standard_session(rig), (TARE,), out=tmp_path, seed=3, live=False)
+    assert main(["law", str(tared.recording)]) == ExitCode.USAGE
+    assert "step 'render' needs a load drive to act the virtual body" in capsys.readouterr().err
+
+
+def test_a_wall_is_judged_on_both_of_its_sides(session: RecordedSession, capsys: pytest.CaptureFixture[str]) -> None:
+    law = ["--mass", "5e-4", "--damping", "0.03", "--stiffness", "1", "--wall", "0.1"]
+    assert main(["law", str(session.recording), *law]) == ExitCode.OK
+    assert "before the wall and behind it" in capsys.readouterr().out

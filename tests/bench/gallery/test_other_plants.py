@@ -19,6 +19,13 @@ PLANTS = {
     "spring": (("spring_stiffness", "spring_stiffening"), 8),
     "in situ": (("torque_gain",), 2),
 }
+# Claims that depend on a parameter, where a plant has several.
+CLAIMS = {
+    ("muscle", "spring"): {"nonlinear connection", "dynamic source"},
+    ("muscle", "output_inertia"): {"dynamic source"},
+    ("arms", "gravity"): {"two ports", "port impedances"},
+    ("arms", "load_gravity"): {"two ports", "port impedances"},
+}
 
 
 @pytest.fixture(scope="module", params=sorted(PLANTS))
@@ -51,4 +58,6 @@ def test_another_plant_is_not_taken_for_this_one(plant):
     name, experiment = plant
     for parameter in PLANTS[name][0]:
         other = replace(experiment, true={**experiment.true, parameter: 1.1 * experiment.true[parameter]})
-        assert not all(row.passed for row in rows_of(name, other))
+        wrong = {row.claim for row in rows_of(name, other) if not row.passed}
+        assert wrong >= CLAIMS.get((name, parameter), set())
+        assert wrong
