@@ -8,7 +8,6 @@ from cyclopts import Parameter
 from norton_bench.cli.arguments import Json, RecordingFile, value_in
 from norton_bench.cli.output import Output, plain_table
 from norton_bench.errors import ExitCode, UsageError
-from norton_bench.segments import LAW_UNITS, Admittance
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -35,12 +34,14 @@ def law(
     """Tell whether a bench can render a virtual body, and with which actuators, by the calibration in a recording.
     Without a law: the least damping for a table of masses and stiffnesses. Nothing moves.
     """
+    from norton_bench.segments import LAW_UNITS, Admittance  # noqa: PLC0415  (slow to import)
+
     given = zip(LAW_UNITS.items(), (mass, damping, stiffness), strict=True)
     values = (value_in(f"--{name}", text, unit) for (name, unit), text in given)
     asked = Admittance.of(values, None if wall is None else value_in("--wall", wall, "rad"))
     if asked.shortcoming:
         raise UsageError(asked.shortcoming)
-    from norton_bench.control.renderable import overview  # noqa: PLC0415  (compiled: slow to import)
+    from norton_bench.control.renderable import overview  # noqa: PLC0415
     from norton_bench.control.rendering import require_rendered  # noqa: PLC0415
     from norton_bench.session.calibrated import calibrated_bench  # noqa: PLC0415
 
