@@ -87,7 +87,10 @@ def run_folder(out: Path | None, rig_name: str, runs: Path = RUNS) -> Path:
 
 
 def value_in(option: str, text: str, unit: str) -> float:
-    """What an option says, in ``unit``; so is a bare number. Raises UsageError."""
+    """What an option says, in ``unit``; so is a bare number. A time is more than 0 s, and an hour at most.
+
+    Raises UsageError.
+    """
     from norton_bench.units import parse_quantity  # noqa: PLC0415
 
     try:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import floor, log10, nan
 
 from norton_bench.control.calibration import LoadCalibration
-from norton_bench.control.rendering import rendering_is_stable
+from norton_bench.control.rendering import rendering_is_stable, rounded
 from norton_bench.segments import Admittance
 
 # Of the overview: masses over the load's own inertia, and stiffnesses over that of the sensor, to a power of ten.
@@ -29,7 +29,7 @@ def overview(calibration: LoadCalibration, tick_s: float) -> Overview:
 
     Raises ExperimentError where no feedback follows any motion.
     """
-    masses = tuple(_rounded(share * calibration.inertia_kgm2) for share in MASSES)
+    masses = tuple(rounded(share * calibration.inertia_kgm2) for share in MASSES)
     decade = 10.0 ** floor(log10(calibration.sensor_stiffness_nm_rad))
     stiffnesses = tuple(share * decade for share in STIFFNESSES)
     rows = tuple(tuple(least_damping(calibration, tick_s, mass, each) for each in stiffnesses) for mass in masses)
@@ -52,17 +52,12 @@ def least_damping(
     if can(0.0):
         return 0.0
     strongest = STRONGEST * calibration.inertia_kgm2 / tick_s
-    tried = [_rounded(strongest * 2.0 ** (power - DOUBLINGS)) for power in range(DOUBLINGS + 1)]
+    tried = [rounded(strongest * 2.0 ** (power - DOUBLINGS)) for power in range(DOUBLINGS + 1)]
     enough = next((each for each in tried if can(each)), None)
     if enough is None:
         return nan
     too_little = 0.5 * enough
     for _ in range(HALVINGS):
-        middle = _rounded((too_little * enough) ** 0.5)
+        middle = rounded((too_little * enough) ** 0.5)
         too_little, enough = (too_little, middle) if can(middle) else (middle, enough)
     return enough
-
-
-def _rounded(value: float) -> float:
-    """As a table has it, so that just this is tried."""
-    return float(f"{value:.2g}")

@@ -361,7 +361,7 @@ def _of_any_mass(law: Admittance, inertia_kgm2: float, tick_s: float) -> Iterato
         for power in range(COARSE_STEPS):
             damping_nms_rad = inertia_kgm2 / tick_s * 2.0 ** (power - COARSE_STEPS // 2)
             if damping_nms_rad > law.damping_nms_rad:
-                yield replace(law, mass_kgm2=float(f"{mass_kgm2:.2g}"), damping_nms_rad=float(f"{damping_nms_rad:.2g}"))
+                yield replace(law, mass_kgm2=rounded(mass_kgm2), damping_nms_rad=rounded(damping_nms_rad))
 
 
 def _about(value: float, scale: float) -> Iterator[float]:
@@ -369,6 +369,11 @@ def _about(value: float, scale: float) -> Iterator[float]:
     a sentence says it, so that just this is tried."""
     start = value or scale / STEP ** (STEPS // 2)
     for n in range(1, STEPS):
-        yield float(f"{start * STEP**n:.2g}")
+        yield rounded(start * STEP**n)
         if value:
-            yield float(f"{start / STEP**n:.2g}")
+            yield rounded(start / STEP**n)
+
+
+def rounded(value: float) -> float:
+    """As a sentence or a table has it, so that just this is tried."""
+    return float(f"{value:.2g}")

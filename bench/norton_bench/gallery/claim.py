@@ -81,6 +81,10 @@ class PaperExperiment:
     torque_zero_nm: float = 0.0
     load: LoadCalibration | None = None
 
+    def segments(self, procedure: str, name: str) -> list[SegmentInfo]:
+        """Those of a procedure that have this name, in the order of time."""
+        return [each for each in self.measured.segments if each.procedure == procedure and each.name == name]
+
 
 @dataclass(frozen=True)
 class Look:

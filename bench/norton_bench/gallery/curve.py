@@ -41,8 +41,8 @@ class Curve:
 
     def mirrored(self, other: "Curve") -> "Curve":
         """Half the difference to what was done in reverse: the same without the zero of the sensor."""
-        back = Curve(-other.position_rad[::-1], other.torque_nm[::-1])
-        return Curve((half := self.minus(back)).position_rad, 0.5 * half.torque_nm)
+        difference = self.minus(Curve(-other.position_rad[::-1], other.torque_nm[::-1]))
+        return Curve(difference.position_rad, 0.5 * difference.torque_nm)
 
 
 def read_torque(measured: Measured, segment: SegmentInfo) -> tuple[FloatArray, FloatArray]:

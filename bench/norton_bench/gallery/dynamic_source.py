@@ -82,9 +82,7 @@ class SwungMuscle:
 
     @cached_property
     def swings(self) -> tuple[Swing, ...]:
-        segments = self.experiment.measured.segments
-        chosen = [each for each in segments if each.procedure == SwungCommand.name and each.name == SWINGS]
-        return tuple(map(self._swing, chosen))
+        return tuple(map(self._swing, self.experiment.segments(SwungCommand.name, SWINGS)))
 
     def _swing(self, segment: SegmentInfo) -> Swing:
         measured, tick_s = self.experiment.measured, self.tick_s

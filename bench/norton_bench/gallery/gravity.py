@@ -110,8 +110,7 @@ class Arms:
         return np.asarray(0.5 * (np.array(ends[0]) - np.array(ends[1])))
 
     def _let_go(self, port: str, side: str, sign: float) -> list[SegmentInfo]:
-        segments, label = self.experiment.measured.segments, f"{port} {side} {sign:+.0f}"
-        return [each for each in segments if each.procedure == TwoPorts.name and each.name == label]
+        return self.experiment.segments(TwoPorts.name, f"{port} {side} {sign:+.0f}")
 
     def source_seen_rad(self, port: str) -> FloatArray:
         """The middle between what friction leaves open, one a round."""

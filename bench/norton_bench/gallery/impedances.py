@@ -161,15 +161,14 @@ class Impedances:
     def _curves(self, name: str, reading: Reading) -> tuple[Curve, ...]:
         measured = self.experiment.measured
         ways = [
-            [reading(measured, each) for each in self._named(f"{name} {way} {sign:+.0f}")]
+            [
+                reading(measured, each)
+                for each in self.experiment.segments(PortImpedances.name, f"{name} {way} {sign:+.0f}")
+            ]
             for sign in SIGNS
             for way in ("there", "back")
         ]
         return tuple(there_and_back(*one[:2]).mirrored(there_and_back(*one[2:])) for one in zip(*ways, strict=True))
-
-    def _named(self, name: str) -> list[SegmentInfo]:
-        segments = self.experiment.measured.segments
-        return [each for each in segments if each.procedure == PortImpedances.name and each.name == name]
 
 
 def port_impedances(found: Impedances) -> Shown:
